@@ -1,0 +1,121 @@
+//! What the estimator says.
+
+use core::fmt;
+
+use nalgebra::SMatrix;
+
+use crate::imu::NavState;
+use crate::real::Real;
+use crate::time::{Span, Timestamp};
+
+/// What initialisation is waiting for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Waiting {
+    /// Inertial samples that reach past the image.
+    Imu,
+    /// Enough corners followed long enough.
+    Tracks,
+    /// Motion: the camera has not seen enough parallax yet.
+    Parallax,
+    /// Acceleration: scale cannot be told from the motion so far.
+    Excitation,
+    /// Measured specific force is far from gravity: wrong units, wrong axes, or violent motion.
+    Gravity,
+    /// Vision and inertial samples contradict each other: wrong extrinsics, or wrong time stamps.
+    Agreement,
+}
+
+/// How the estimator is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Health {
+    /// No state yet.
+    Initialising(Waiting),
+    /// Vision and inertial samples agree.
+    Tracking,
+    /// Too few corners: the pose coasts on inertial samples.
+    Degraded,
+    /// Coasted too long; initialises anew with the next data.
+    Lost,
+}
+
+/// What became of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum FrameOutcome {
+    /// There was no new frame to work on.
+    NoFrame,
+    /// The inertial samples do not reach the frame yet: push more, then step again.
+    NeedImu,
+    /// Stored; no state yet, for the reason given.
+    Initialising(Waiting),
+    /// This frame completed initialisation.
+    Initialised,
+    /// The newest pose is estimated.
+    Tracked,
+    /// The same, and the frame will stay as a keyframe.
+    NewKeyframe,
+    /// Too few corners: the pose coasts on inertial samples.
+    Coasted,
+    /// Tracking was lost; the estimator starts over.
+    Lost,
+}
+
+/// Bounds of one step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StepBudget {
+    /// Iterations of the solver at most.
+    pub iterations: u8,
+}
+
+impl Default for StepBudget {
+    fn default() -> Self {
+        Self { iterations: 4 }
+    }
+}
+
+/// The newest state with its uncertainty.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StateEstimate<T: Real> {
+    /// Time of the image that it belongs to.
+    pub stamp: Timestamp,
+    /// Pose, velocity and biases.
+    pub state: NavState<T>,
+    /// Covariance of the pose, `[δφ δp]` (rad, m), 6×6.
+    pub pose_covariance: SMatrix<T, 6, 6>,
+}
+
+/// Why an input was refused. Nothing changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum InputError {
+    /// A number is NaN or infinite.
+    NotFinite(Timestamp),
+    /// Not newer than the last of its kind; the difference is given.
+    Stale(Span),
+    /// Size of the image, and what the camera says.
+    WrongImageSize {
+        /// Width and height given, px.
+        given: (usize, usize),
+        /// Width and height of the calibrated camera, px.
+        expected: (usize, usize),
+    },
+    /// More samples between two images than there is room for.
+    Full,
+}
+
+impl fmt::Display for InputError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite(stamp) => write!(f, "the reading at {stamp} is not a finite number"),
+            Self::Stale(by) => write!(f, "time stamp goes back by {by}"),
+            Self::WrongImageSize { given, expected } => {
+                write!(f, "image is {}x{} where the camera is calibrated for {}x{}", given.0, given.1, expected.0, expected.1)
+            }
+            Self::Full => write!(f, "no room for more inertial samples before the next image"),
+        }
+    }
+}
+
+impl core::error::Error for InputError {}

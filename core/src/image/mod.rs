@@ -1,0 +1,7 @@
+//! Borrowed pixels and their pyramid.
+
+mod pyramid;
+mod view;
+
+pub use pyramid::PyramidPair;
+pub use view::{ImageView, ImageViewError};

@@ -1,0 +1,13 @@
+//! Inertial samples, their noise, and their integral between two images.
+
+mod bias;
+mod noise;
+mod preintegration;
+mod sample;
+mod state;
+
+pub use bias::ImuBias;
+pub use noise::ImuNoise;
+pub use preintegration::{Preintegration, PreintegrationError};
+pub use sample::ImuSample;
+pub use state::NavState;

@@ -1,0 +1,30 @@
+//! The noise model of an inertial measurement unit, in continuous time.
+
+use crate::real::Real;
+
+/// Noise densities as a datasheet or an Allan plot gives them. Discrete values follow from the rate:
+/// white `σ_d = σ √rate`, random walk `σ_d = σ / √rate`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImuNoise<T: Real> {
+    /// White noise of the angular rate, rad/s/√Hz.
+    pub gyro_noise_density: T,
+    /// White noise of the specific force, m/s²/√Hz.
+    pub accel_noise_density: T,
+    /// Random walk of the gyro bias, rad/s²/√Hz.
+    pub gyro_random_walk: T,
+    /// Random walk of the accelerometer bias, m/s³/√Hz.
+    pub accel_random_walk: T,
+}
+
+impl<T: Real> ImuNoise<T> {
+    /// The ADIS16448 as EuRoC's `imu0/sensor.yaml` states it.
+    #[must_use]
+    pub fn adis16448() -> Self {
+        Self {
+            gyro_noise_density: T::of(1.6968e-4),
+            accel_noise_density: T::of(2.0e-3),
+            gyro_random_walk: T::of(1.9393e-5),
+            accel_random_walk: T::of(3.0e-3),
+        }
+    }
+}

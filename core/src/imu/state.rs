@@ -1,0 +1,77 @@
+//! The state of the body at one instant: 15 degrees of freedom.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+use super::ImuBias;
+use crate::lie::so3;
+use crate::real::Real;
+
+/// Pose, velocity and biases of the body. Perturbation `[δφ δp δv δb_g δb_a]`: the rotation on the right, the rest additive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NavState<T: Real> {
+    /// `R_WB`, maps body coordinates to world.
+    pub world_from_body: UnitQuaternion<T>,
+    /// `p_WB`, the body's origin in world, m.
+    pub position_in_world: Vector3<T>,
+    /// `v_WB`, m/s.
+    pub velocity_in_world: Vector3<T>,
+    /// Biases of the inertial measurement unit.
+    pub bias: ImuBias<T>,
+}
+
+impl<T: Real> NavState<T> {
+    /// At the origin, level, at rest, without bias.
+    #[must_use]
+    pub fn origin() -> Self {
+        Self {
+            world_from_body: UnitQuaternion::identity(),
+            position_in_world: Vector3::zeros(),
+            velocity_in_world: Vector3::zeros(),
+            bias: ImuBias::default(),
+        }
+    }
+
+    /// `T_WB`.
+    #[must_use]
+    pub fn pose(&self) -> Isometry3<T> {
+        Isometry3::from_parts(Translation3::from(self.position_in_world), self.world_from_body)
+    }
+
+    /// `x ⊞ δ`, δ ordered `[δφ δp δv δb_g δb_a]`.
+    #[must_use]
+    pub fn retract(&self, delta: &[T; 15]) -> Self {
+        let part = |i: usize| Vector3::new(delta[i], delta[i + 1], delta[i + 2]);
+        let mut rotation = self.world_from_body * so3::exp(&part(0));
+        rotation.renormalize_fast();
+        Self {
+            world_from_body: rotation,
+            position_in_world: self.position_in_world + part(3),
+            velocity_in_world: self.velocity_in_world + part(6),
+            bias: ImuBias { gyro_rad_s: self.bias.gyro_rad_s + part(9), accel_m_s2: self.bias.accel_m_s2 + part(12) },
+        }
+    }
+
+    /// `x ⊟ x₀`, such that `x₀ ⊞ (x ⊟ x₀) = x`.
+    #[must_use]
+    pub fn local(&self, from: &Self) -> [T; 15] {
+        let mut delta = [T::ZERO; 15];
+        let parts = [
+            so3::log(&(from.world_from_body.inverse() * self.world_from_body)),
+            self.position_in_world - from.position_in_world,
+            self.velocity_in_world - from.velocity_in_world,
+            self.bias.gyro_rad_s - from.bias.gyro_rad_s,
+            self.bias.accel_m_s2 - from.bias.accel_m_s2,
+        ];
+        for (slot, part) in delta.chunks_exact_mut(3).zip(&parts) {
+            slot.copy_from_slice(part.as_slice());
+        }
+        delta
+    }
+
+    /// Whether every number is finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.world_from_body.coords.iter().all(|value| value.is_usable())
+            && self.local(&Self::origin()).iter().skip(3).all(|value| value.is_usable())
+    }
+}

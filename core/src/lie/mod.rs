@@ -1,0 +1,5 @@
+//! Rotations, poses and directions: exp, log, ⊞, ⊟ and their Jacobians.
+
+pub mod s2;
+pub mod se3;
+pub mod so3;

@@ -1,0 +1,6 @@
+//! Named capacities.
+
+use crate::estimator::Estimator;
+
+/// Workstation: 752×480, the budget is 8 MiB in `f64`.
+pub type Desktop<T> = Estimator<T, 12, 78, 300, 4096>;

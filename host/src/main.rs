@@ -1,0 +1,3 @@
+//! The `libella` command.
+
+fn main() {}

@@ -69,8 +69,7 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
 
     /// Samples of the closed interval, those at its ends interpolated, in neighbouring pairs.
     pub fn pairs(&self, from: Timestamp, to: Timestamp) -> impl Iterator<Item = (ImuSample<T>, ImuSample<T>)> + '_ {
-        let all = self.samples.iter();
-        all.clone().zip(all.skip(1)).filter(move |(a, b)| b.stamp > from && a.stamp < to).map(move |(a, b)| {
+        self.samples.iter().zip(self.samples.iter().skip(1)).filter(move |(a, b)| b.stamp > from && a.stamp < to).map(move |(a, b)| {
             let start = if a.stamp < from { ImuSample::interpolate(a, b, from) } else { *a };
             let end = if b.stamp > to { ImuSample::interpolate(a, b, to) } else { *b };
             (start, end)

@@ -143,3 +143,84 @@ pub fn linearize<T: Real>(
         d_residual_d_inverse_depth: [d_inverse_depth.x, d_inverse_depth.y],
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Isometry3, SVector, Translation3, UnitQuaternion, Vector2, Vector3};
+    use proptest::prelude::*;
+
+    use super::{CameraMount, PairGeometry, linearize, residual};
+    use crate::imu::NavState;
+    use crate::testing::{assert_close, numerical_jacobian};
+    use crate::window::{CameraPose, NormalizedPoint};
+
+    fn mount() -> Isometry3<f64> {
+        Isometry3::from_parts(Translation3::new(-0.02, -0.06, 0.01), UnitQuaternion::from_euler_angles(0.02, 0.1, 1.5))
+    }
+
+    fn state(rotation: [f64; 3], position: [f64; 3]) -> NavState<f64> {
+        let mut delta = [0.0; 15];
+        delta[..3].copy_from_slice(&rotation);
+        delta[3..6].copy_from_slice(&position);
+        NavState::origin().retract(&delta)
+    }
+
+    fn pair(target: &NavState<f64>, anchor: &NavState<f64>) -> PairGeometry<f64> {
+        PairGeometry::new(&CameraPose::of(target, &mount()), &CameraPose::of(anchor, &mount()))
+    }
+
+    fn moved(state: &NavState<f64>, delta: &SVector<f64, 6>) -> NavState<f64> {
+        let mut full = [0.0; 15];
+        full[..6].copy_from_slice(delta.as_slice());
+        state.retract(&full)
+    }
+
+    proptest! {
+        #[test]
+        fn jacobians_match_central_differences(
+            rotation in prop::array::uniform3(-0.2f64..0.2), position in prop::array::uniform3(-0.5f64..0.5),
+            x in -0.5f64..0.5, y in -0.4f64..0.4, inverse_depth in 0.0f64..0.8,
+        ) {
+            let (anchor, target) = (state([0.3, -0.2, 0.1], [0.1, 0.2, 0.3]), state(
+                [0.3 + rotation[0], -0.2 + rotation[1], 0.1 + rotation[2]],
+                [0.1 + position[0], 0.2 + position[1], 0.3 + position[2]],
+            ));
+            let direction = Vector3::new(x, y, 1.0);
+            let point = NormalizedPoint { x: x + 0.01, y: y - 0.02, inverse_sigma: 300.0 };
+            let at = pair(&target, &anchor);
+            let target_pose = CameraPose::of(&target, &mount());
+            let linear = linearize(&CameraMount::new(&mount()), &at, &at, &target_pose, &direction, inverse_depth, &point);
+            prop_assume!(linear.is_some());
+            let Some(linear) = linear else { return Ok(()) };
+            let value = |pair: &PairGeometry<f64>, depth: f64| residual(pair, &direction, depth, &point).unwrap_or_else(Vector2::zeros);
+            prop_assert!((value(&at, inverse_depth) - Vector2::from(linear.residual)).norm() < 1e-12);
+            let rows = |rows: [[f64; 6]; 2]| nalgebra::SMatrix::<f64, 2, 6>::from_fn(|r, c| rows[r][c]);
+            assert_close(&rows(linear.d_residual_d_anchor),
+                &numerical_jacobian(1e-6, |d| value(&pair(&target, &moved(&anchor, d)), inverse_depth)), 1e-6);
+            assert_close(&rows(linear.d_residual_d_target),
+                &numerical_jacobian(1e-6, |d| value(&pair(&moved(&target, d), &anchor), inverse_depth)), 1e-6);
+            assert_close(&Vector2::from(linear.d_residual_d_inverse_depth),
+                &numerical_jacobian(1e-6, |d: &SVector<f64, 1>| value(&at, inverse_depth + d[0])), 1e-6);
+        }
+
+        #[test]
+        fn what_projects_there_has_no_residual(x in -0.5f64..0.5, y in -0.4f64..0.4, depth in 1.0f64..10.0) {
+            let (anchor, target) = (state([0.3, -0.2, 0.1], [0.1, 0.2, 0.3]), state([0.25, -0.1, 0.1], [0.3, 0.1, 0.35]));
+            let in_world = anchor.pose() * mount() * nalgebra::Point3::new(x * depth, y * depth, depth);
+            let seen = (target.pose() * mount()).inverse() * in_world;
+            prop_assume!(seen.z > 0.3);
+            let point = NormalizedPoint { x: seen.x / seen.z, y: seen.y / seen.z, inverse_sigma: 458.0 };
+            let value = residual(&pair(&target, &anchor), &Vector3::new(x, y, 1.0), 1.0 / depth, &point);
+            prop_assert!(value.is_some_and(|value| value.norm() < 1e-9));
+        }
+    }
+
+    #[test]
+    fn a_point_seen_one_sigma_off_costs_one() {
+        // Both cameras at the origin, looking ahead; 0.01 off at a standard deviation of 0.01.
+        let pair = PairGeometry::default();
+        let point = NormalizedPoint { x: 0.11, y: 0.2, inverse_sigma: 100.0 };
+        let value = residual(&pair, &Vector3::new(0.1, 0.2, 1.0), 0.5, &point);
+        assert!(value.is_some_and(|value| (value - Vector2::new(-1.0, 0.0)).norm() < 1e-12));
+    }
+}

@@ -131,3 +131,40 @@ fn solve_right_transposed<T: Real, const B: usize>(l: &Block<T, B>, x: &mut Bloc
     }
     *x = transpose(&columns);
 }
+
+#[cfg(test)]
+mod tests {
+    use std::vec;
+
+    use nalgebra::{DMatrix, DVector};
+    use proptest::prelude::*;
+
+    use super::{factorize, solve};
+    use crate::storage::blocks::{pairs, place, zero_block};
+
+    proptest! {
+        #[test]
+        fn agrees_with_a_dense_solution(entries in prop::collection::vec(-1.0f64..1.0, 12 * 12), right in prop::array::uniform12(-5.0f64..5.0)) {
+            let root = DMatrix::from_row_slice(12, 12, &entries);
+            let matrix = &root * root.transpose() + DMatrix::identity(12, 12) * 0.1;
+            let mut blocks = vec![zero_block::<f64, 4>(); pairs(3)];
+            for (r, c) in (0..12).flat_map(|r| (0..12).map(move |c| (r, c))).filter(|(r, c)| c / 4 <= r / 4) {
+                blocks[place(r / 4, c / 4)][r % 4][c % 4] = matrix[(r, c)];
+            }
+            prop_assert!(factorize(&mut blocks, 3).is_ok());
+            let mut x = [[0.0; 4]; 3];
+            x.as_flattened_mut().copy_from_slice(&right);
+            solve(&blocks, &mut x);
+            let residual = &matrix * DVector::from_column_slice(x.as_flattened()) - DVector::from_column_slice(&right);
+            prop_assert!(residual.norm() < 1e-9 * DVector::from_column_slice(&right).norm().max(1.0));
+        }
+    }
+
+    #[test]
+    fn names_the_pivot_that_fails() {
+        let mut blocks = vec![zero_block::<f64, 2>(); pairs(2)];
+        blocks[place(0, 0)] = [[1.0, 0.0], [0.0, 1.0]];
+        blocks[place(1, 1)] = [[1.0, 0.0], [0.0, -1.0]];
+        assert_eq!(factorize(&mut blocks, 2).map_err(|failure| failure.row), Err(3));
+    }
+}

@@ -120,3 +120,46 @@ pub fn fold<T: Real, const B: usize>(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::vec;
+    use std::vec::Vec;
+
+    use nalgebra::{DMatrix, DVector};
+    use proptest::prelude::*;
+
+    use super::{Rows, fold};
+    use crate::storage::blocks::{pairs, place, zero_block};
+
+    /// `(R, d)` as a dense matrix.
+    fn dense(triangle: &[[[f64; 3]; 3]], right: &[[f64; 3]]) -> (DMatrix<f64>, DVector<f64>) {
+        let n = right.len();
+        let matrix = DMatrix::from_fn(3 * n, 3 * n, |r, c| {
+            let (i, j) = (r / 3, c / 3);
+            if r <= c { triangle[place(j, i)][r % 3][c % 3] } else { 0.0 }
+        });
+        (matrix, DVector::from_fn(3 * n, |r, _| right[r / 3][r % 3]))
+    }
+
+    proptest! {
+        /// The triangle has the normal equations of all rows that were folded in, in whatever portions they came.
+        #[test]
+        fn folding_keeps_the_normal_equations(entries in prop::collection::vec(-3.0f64..3.0, 14 * 10), portion in 1usize..14) {
+            let all = DMatrix::from_row_slice(14, 10, &entries);
+            let mut triangle = vec![zero_block::<f64, 3>(); pairs(3)];
+            let mut right = [[0.0; 3]; 3];
+            let mut scratch = vec![0.0; 10];
+            for rows in entries.chunks(portion * 10) {
+                let mut copy: Vec<f64> = rows.to_vec();
+                fold(&mut triangle, &mut right, &mut Rows::over(&mut copy, 9), &mut scratch);
+            }
+            let (r, d) = dense(&triangle, &right);
+            let (a, b) = (all.columns(0, 9).into_owned(), all.column(9).into_owned());
+            let expected = a.transpose() * &a;
+            prop_assert!((r.transpose() * &r - &expected).norm() < 1e-10 * expected.norm());
+            let expected = a.transpose() * &b;
+            prop_assert!((r.transpose() * &d - &expected).norm() < 1e-10 * (1.0 + expected.norm()));
+        }
+    }
+}

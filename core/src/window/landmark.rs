@@ -29,6 +29,8 @@ pub struct Landmark<T: Real, const FRAMES: usize> {
     pub track: TrackId,
     /// Whether its depth is known well enough to take part in the solution.
     pub active: bool,
+    /// Whether it was found wrong and leaves the window.
+    pub condemned: bool,
     /// `λ`, 1/m, along [`Landmark::bearing`].
     pub inverse_depth: T,
     /// `λ` before the last step of the solver, to go back to.
@@ -47,6 +49,7 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
         let mut landmark = Self {
             track,
             active: false,
+            condemned: false,
             inverse_depth: T::ZERO,
             saved_inverse_depth: T::ZERO,
             bearing: [point.x, point.y],

@@ -38,15 +38,17 @@ impl<T: Real, const FRAMES: usize, const POINTS: usize> Window<T, FRAMES, POINTS
         self.landmarks.clear();
     }
 
-    /// Notes that the newest frame sees `track` at `point`. A new landmark is made where none has this track;
-    /// without room the observation is dropped and `false` returned.
-    pub fn observe(&mut self, track: TrackId, point: NormalizedPoint<T>) -> bool {
-        let Some(newest) = self.frames.len().checked_sub(1) else { return false };
+    /// Notes that the newest frame sees `track` at `point`, and returns where the frame before saw it. A new landmark is
+    /// made where none has this track; without room the observation is dropped.
+    pub fn observe(&mut self, track: TrackId, point: NormalizedPoint<T>) -> Option<NormalizedPoint<T>> {
+        let newest = self.frames.len().checked_sub(1)?;
         if let Some(landmark) = self.landmarks.iter_mut().find(|landmark| landmark.track == track) {
             landmark.observe(newest, point);
-            return true;
+            return landmark.point(newest.checked_sub(1)?).copied();
         }
-        self.landmarks.push(Landmark::new(track, newest, point)).is_ok()
+        // A full table refuses: the corner may come in later.
+        let _ = self.landmarks.push(Landmark::new(track, newest, point));
+        None
     }
 
     /// Removes frame `index` and every observation made in it; landmarks anchored there move to their next frame.

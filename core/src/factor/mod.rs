@@ -1,1 +1,3 @@
 //! factor.
+
+pub mod imu;

@@ -24,6 +24,8 @@ const BLOCK: usize = 32;
 /// What decides whether a patch was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FlowConfig {
+    /// How much less the border of a patch weighs than its centre, in [0, 1]; read once, at construction. Default 0.7.
+    pub window_fall: f32,
     /// Most Gauss-Newton steps per level. Default 10.
     pub max_iterations: u32,
     /// A step shorter than this ends level 0, px. Default 0.01.
@@ -41,6 +43,7 @@ pub struct FlowConfig {
 impl FlowConfig {
     /// The defaults.
     pub const DEFAULT: Self = Self {
+        window_fall: 0.7,
         max_iterations: 10,
         converged_px: 0.01,
         converged_coarse_px: 0.03,
@@ -83,7 +86,7 @@ pub struct FlowWorkspace<const N: usize> {
 
 impl<const N: usize> Default for FlowWorkspace<N> {
     fn default() -> Self {
-        Self::new()
+        Self::new(FlowConfig::DEFAULT.window_fall)
     }
 }
 
@@ -99,9 +102,6 @@ struct Source<'a> {
 const fn half_width<const N: usize>() -> f32 {
     (N as f32 - 1.0) * 0.5
 }
-
-/// How much the window falls off from the centre of the patch to its corner. Measured in the frontend example: see the commit.
-const WINDOW_FALL: f32 = 0.7;
 
 /// The `N + MARGIN` wide block of pixels that interpolating a patch centred at `center` reads, with the border replicated
 /// through `block` if need be.
@@ -151,15 +151,15 @@ fn sum<const L: usize>(lanes: &[f32; L]) -> f32 {
 }
 
 impl<const N: usize> FlowWorkspace<N> {
-    /// Scratch memory with its window.
+    /// Scratch memory with the window `w(x, y) = v(x) v(y)`, `v(u) = 1 − window_fall u²`, `u` = ±1 at the borders of the patch.
     #[must_use]
-    pub const fn new() -> Self {
+    pub const fn new(window_fall: f32) -> Self {
         const { assert!(N >= 8 && N % 4 == 0 && N + 4 <= BLOCK, "the patch is 8, 12, ... 28 samples wide") }
         let mut window = [0.0; N];
         let mut k = 0;
         while k < N {
             let u = (k as f32 - half_width::<N>()) / (half_width::<N>() + 0.5);
-            window[k] = 1.0 - WINDOW_FALL * u * u;
+            window[k] = 1.0 - window_fall * u * u;
             k += 1;
         }
         Self {

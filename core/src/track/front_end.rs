@@ -104,10 +104,11 @@ impl<const TRACKS: usize, const PATCH: usize> FrontEnd<TRACKS, PATCH> {
     /// A front end without tracks; fit for a `static`.
     #[must_use]
     pub const fn new(config: FrontEndConfig) -> Self {
+        let flow = FlowWorkspace::new(config.flow.window_fall);
         Self {
             config,
             table: TrackTable::new(),
-            flow: FlowWorkspace::new(),
+            flow,
             pairs: [BearingPair::EMPTY; TRACKS],
             corners: [Corner { pixel: [0.0; 2], score: 0.0 }; TRACKS],
         }

@@ -96,8 +96,7 @@ impl<T: Real> PinholeRadTan<T> {
         let r2 = aa + bb;
         let radial = T::one() + r2 * (k1 + r2 * k2);
         let slope = (k1 + two * k2 * r2) * two; // dρ/da = slope·a
-        let distorted =
-            Vector2::new(a * radial + two * p1 * ab + p2 * (r2 + two * aa), b * radial + p1 * (r2 + two * bb) + two * p2 * ab);
+        let distorted = Vector2::new(a * radial + two * p1 * ab + p2 * (r2 + two * aa), b * radial + p1 * (r2 + two * bb) + two * p2 * ab);
         let cross = slope * ab + two * (p1 * a + p2 * b);
         let jacobian = Matrix2::new(
             radial + slope * aa + two * p1 * b + T::of(6.0) * p2 * a,

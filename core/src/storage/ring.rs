@@ -256,8 +256,9 @@ mod tests {
         for &act in acts {
             match act {
                 Act::Push(value) => {
-                    let expected = if model.len() < N { Ok(model.push_back(value)) } else { Err(value) };
-                    assert_eq!(ring.push(value), expected);
+                    let fits = model.len() < N;
+                    assert_eq!(ring.push(value), if fits { Ok(()) } else { Err(value) });
+                    model.extend(fits.then_some(value));
                 }
                 Act::PushEvicting(value) => {
                     model.push_back(value);

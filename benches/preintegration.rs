@@ -1,5 +1,6 @@
 //! Preintegration of 20 samples (200 Hz, one image at 10 Hz), with covariance and bias Jacobians: target 250 ns per sample in f64.
 //! The factor on top of it: whitening matrix once per integral, linearisation at most 5 us.
+//! Read the figures on an idle machine: other work on the same core shows up in full.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use std::hint::black_box;

@@ -36,6 +36,10 @@ pub struct EstimatorConfig<T: Real> {
     pub longest_coast_s: T,
     /// Shortest stretch of motion for initialisation, s.
     pub shortest_initialisation_s: T,
+    /// Time between the frames that the moving start uses, s.
+    pub initialisation_spacing_s: T,
+    /// Largest relative standard deviation of the scale that the moving start accepts.
+    pub initialisation_scale_sigma: T,
     /// Standard deviations of the first state: tilt (rad), velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s²).
     pub first_sigma: FirstSigma<T>,
 }
@@ -71,6 +75,8 @@ impl<T: Real> Default for EstimatorConfig<T> {
             least_tracked: 8,
             longest_coast_s: T::of(5.0),
             shortest_initialisation_s: T::of(1.2),
+            initialisation_spacing_s: T::of(0.18),
+            initialisation_scale_sigma: T::of(0.15),
             first_sigma: FirstSigma {
                 tilt_rad: T::of(0.1),
                 velocity_m_s: T::of(0.5),

@@ -47,17 +47,6 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
         self.samples.push_back(sample).map_err(|_| InputError::Full)
     }
 
-    /// Forgets every sample.
-    pub fn clear(&mut self) {
-        self.samples.clear();
-    }
-
-    /// Time of the newest sample.
-    #[must_use]
-    pub fn newest(&self) -> Option<Timestamp> {
-        self.samples.back().map(|sample| sample.stamp)
-    }
-
     /// Whether samples reach from `from` to `to`.
     #[must_use]
     pub fn covers(&self, from: Timestamp, to: Timestamp) -> bool {
@@ -65,6 +54,14 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
             (Some(first), Some(last)) => first.stamp <= from && last.stamp >= to,
             _ => false,
         }
+    }
+
+    /// The samples of an interval, side by side.
+    pub fn between(&mut self, from: Timestamp, to: Timestamp) -> &[ImuSample<T>] {
+        let all: &[ImuSample<T>] = self.samples.make_contiguous();
+        let first = all.partition_point(|sample| sample.stamp < from);
+        let end = all.partition_point(|sample| sample.stamp <= to);
+        all.get(first..end).unwrap_or(&[])
     }
 
     /// Samples of the closed interval, those at its ends interpolated, in neighbouring pairs.

@@ -1,9 +1,10 @@
 //! What comes in becomes a frame of the window.
 
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 
 use super::{Estimator, InputError};
 use crate::camera::Camera;
+use crate::image::{ImageView, PyramidPair};
 use crate::imu::{ImuSample, Preintegration};
 use crate::real::Real;
 use crate::time::Timestamp;
@@ -27,21 +28,63 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     /// When the image is not newer than the last one, or inertial samples do not reach it; nothing changes then.
     pub fn push_tracks(&mut self, stamp: Timestamp, observations: &[Observation<T>]) -> Result<(), InputError> {
         self.open_frame(stamp)?;
-        let (mut moved, mut shared) = (T::ZERO, 0_u32);
-        let focal = self.camera.focal_px();
         for observation in observations {
-            let Some(point) = self.normalize(&observation.pixel) else { continue };
-            if let Some(before) = self.window.observe(observation.track, point) {
-                let (dx, dy) = (point.x - before.x, point.y - before.y);
-                moved += (dx * dx + dy * dy).root() * focal;
-                shared += 1;
-            }
+            self.observe(observation);
         }
-        self.image_motion_px = if shared > 0 { moved / T::of(f64::from(shared)) } else { T::of(1e3) };
+        self.close_frame();
+        Ok(())
+    }
+
+    /// Follows the corners into a new image. The pixels are read during the call only; the pyramids must be the same in every
+    /// call. Push inertial samples past the image first.
+    ///
+    /// # Errors
+    /// When the image does not fit the camera, is not newer than the last one, or inertial samples do not reach it; nothing changes then.
+    pub fn push_image<const BYTES: usize>(
+        &mut self,
+        stamp: Timestamp,
+        image: &ImageView<'_>,
+        pyramids: &mut PyramidPair<BYTES>,
+    ) -> Result<(), InputError> {
+        let (width, height) = self.camera.size_px();
+        let (given, expected) = ((image.width(), image.height()), (width as usize, height as usize));
+        if given != expected {
+            return Err(InputError::WrongImageSize { given, expected });
+        }
+        self.open_frame(stamp)?;
+        let rotation = self.last_image.map(|last| {
+            let bias = self.window.frames.last().map_or_else(Vector3::zeros, |frame| frame.state.bias.gyro_rad_s);
+            let camera = self.settings.body_from_camera.rotation;
+            camera.inverse() * self.inertial.rotation(&bias, last, stamp).inverse() * camera
+        });
+        self.last_image = Some(stamp);
+        if self.front_end.process(image, pyramids, &self.camera, rotation).is_err() {
+            return Err(InputError::PyramidTooSmall { bytes: BYTES });
+        }
+        for i in 0..self.front_end.tracks().len() {
+            let Some(observation) = self.front_end.observations::<T>().nth(i) else { break };
+            self.observe(&observation);
+        }
+        self.close_frame();
+        Ok(())
+    }
+
+    fn observe(&mut self, observation: &Observation<T>) {
+        let Some(point) = self.normalize(&observation.pixel) else { return };
+        if let Some(before) = self.window.observe(observation.track, point) {
+            let (dx, dy) = (point.x - before.x, point.y - before.y);
+            self.image_motion.0 += (dx * dx + dy * dy).root() * self.camera.focal_px();
+            self.image_motion.1 += T::one();
+        }
+    }
+
+    fn close_frame(&mut self) {
+        let (sum, count) = self.image_motion;
+        self.image_motion_px = if count > T::ZERO { sum / count } else { T::of(1e3) };
+        self.image_motion = (T::ZERO, T::ZERO);
         let newest = self.window.frames.len() - 1;
         self.window.landmarks.retain(|landmark| landmark.active || landmark.is_seen_in(newest));
         self.pending = true;
-        Ok(())
     }
 
     /// Appends an empty frame whose state is predicted from the one before.

@@ -14,14 +14,20 @@ pub use output::{FrameOutcome, Health, InputError, StateEstimate, StepBudget, St
 use nalgebra::{Isometry3, SMatrix, Vector3};
 
 use self::inertial::InertialHistory;
-use crate::camera::CameraModel;
+use crate::camera::{Camera, CameraModel};
 use crate::factor::prior::Prior;
 use crate::factor::reprojection::CameraMount;
 use crate::imu::ImuNoise;
+use crate::init::InitLandmark;
 use crate::real::Real;
+use crate::robust::kernel::Kernel;
 use crate::solve::{MarginalizationWorkspace, Settings, Workspace};
 use crate::time::Timestamp;
+use crate::track::{FrontEnd, FrontEndConfig};
 use crate::window::Window;
+
+/// Corners to follow at a time.
+const TARGET_TRACKS: usize = 200;
 
 /// Monocular visual-inertial odometry over a sliding window of `FRAMES` frames and at most `POINTS` landmarks;
 /// `PAIRS = FRAMES (FRAMES + 1) / 2` blocks of the normal equations, `SAMPLES` inertial samples.
@@ -47,7 +53,13 @@ pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POI
     blind_since: Option<Timestamp>,
     /// Mean displacement of the corners since the frame before, px; how still the image is.
     image_motion_px: T,
+    /// Sum and count behind it while a frame is being filled.
+    image_motion: (T, T),
     report: StepReport<T>,
+    /// Corners of the images that were pushed.
+    front_end: FrontEnd<POINTS>,
+    last_image: Option<Timestamp>,
+    init_landmarks: [InitLandmark<T>; POINTS],
 }
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>
@@ -64,7 +76,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
                 gravity_in_world: Vector3::new(T::ZERO, T::ZERO, -config.gravity_m_s2),
                 body_from_camera,
                 mount: CameraMount::new(&body_from_camera),
-                huber: config.huber,
+                kernel: Kernel::huber(config.huber * config.huber),
                 rest_sigma_m_s: config.rest_sigma_m_s,
                 behind_camera_cost: T::of(100.0),
             },
@@ -78,7 +90,11 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             pending: false,
             blind_since: None,
             image_motion_px: T::ZERO,
+            image_motion: (T::ZERO, T::ZERO),
             report: StepReport::default(),
+            front_end: FrontEnd::new(front_end_config(&camera)),
+            last_image: None,
+            init_landmarks: [InitLandmark::default(); POINTS],
         }
     }
 
@@ -131,4 +147,9 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.blind_since = None;
         self.health = Health::Initialising(Waiting::Tracks);
     }
+}
+
+fn front_end_config<T: Real>(camera: &CameraModel<T>) -> FrontEndConfig {
+    let (width, height) = camera.size_px();
+    FrontEndConfig::for_image(width as usize, height as usize, TARGET_TRACKS)
 }

@@ -15,12 +15,11 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.mark_rest();
         self.activate_landmarks();
         self.solve(budget.iterations);
-        let seen = self.tracked_landmarks();
-        self.report.tracked = seen;
+        self.report.tracked = self.tracked_landmarks();
         if self.diverged() {
             return self.lose();
         }
-        let blind = seen < self.config.least_tracked;
+        let blind = self.followed_corners() < self.config.least_tracked;
         let Some(stamp) = self.window.frames.last().map(|frame| frame.stamp) else { return FrameOutcome::NoFrame };
         if blind {
             let since = *self.blind_since.get_or_insert(stamp);
@@ -94,6 +93,9 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             }
         }
         self.report.outliers = removed;
+        for landmark in self.window.landmarks.iter().filter(|landmark| landmark.condemned) {
+            self.front_end.drop_tracks(|track| track.id == landmark.track);
+        }
         self.window.landmarks.retain(|landmark| !landmark.condemned);
     }
 
@@ -101,6 +103,12 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     pub(super) fn tracked_landmarks(&self) -> usize {
         let newest = self.window.frames.len().saturating_sub(1);
         self.window.landmarks.iter().filter(|landmark| landmark.active && landmark.is_seen_in(newest)).count()
+    }
+
+    /// Corners of the newest frame that an older one saw too.
+    fn followed_corners(&self) -> usize {
+        let newest = self.window.frames.len().saturating_sub(1);
+        self.window.landmarks.iter().filter(|landmark| landmark.is_seen_in(newest) && landmark.observations() > 1).count()
     }
 
     /// The newest frame comes last in the elimination, so its covariance is that of the last diagonal block alone.

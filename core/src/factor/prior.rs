@@ -6,6 +6,7 @@
 //! information along the unobservable directions (position, yaw). Keeping `R` instead of `RᵀR` halves the digits that
 //! the prior needs, which is what `f32` has.
 
+use crate::imu::NavState;
 use crate::real::Real;
 use crate::storage::blocks::{Block, add_transposed_product, pairs, place, zero_block};
 use crate::window::Frame;
@@ -19,12 +20,14 @@ pub struct Prior<T: Real, const FRAMES: usize, const PAIRS: usize> {
     pub right: [[T; 15]; FRAMES],
     /// How many frames, from the oldest, it speaks of.
     pub frames: usize,
+    /// Where the very first prior was set up; from the first marginalisation on, first estimates take its place.
+    pub origin: Option<NavState<T>>,
 }
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for Prior<T, FRAMES, PAIRS> {
     fn default() -> Self {
         const { assert!(PAIRS == pairs(FRAMES), "PAIRS must be FRAMES (FRAMES + 1) / 2") };
-        Self { triangle: [zero_block(); PAIRS], right: [[T::ZERO; 15]; FRAMES], frames: 0 }
+        Self { triangle: [zero_block(); PAIRS], right: [[T::ZERO; 15]; FRAMES], frames: 0, origin: None }
     }
 }
 
@@ -34,6 +37,17 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Prior<T, FRAMES, PAIRS> {
         self.triangle.fill(zero_block());
         self.right.fill([T::ZERO; 15]);
         self.frames = 0;
+        self.origin = None;
+    }
+
+    /// Moves the very first prior from its origin to the first estimate of its frame, by its own linear model.
+    pub fn settle(&mut self, frames: &[Frame<T>]) {
+        if let (Some(_), Some(frame)) = (self.origin, frames.first()) {
+            let at_first_estimate = Frame { state: *frame.linearization_point(), ..*frame };
+            let deltas = self.deltas(core::slice::from_ref(&at_first_estimate));
+            self.right[0] = self.residual(&deltas, 0);
+            self.origin = None;
+        }
     }
 
     /// Twice the cost, `‖R δ + d‖²`.
@@ -66,7 +80,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Prior<T, FRAMES, PAIRS> {
     fn deltas(&self, frames: &[Frame<T>]) -> [[T; 15]; FRAMES] {
         let mut deltas = [[T::ZERO; 15]; FRAMES];
         for (delta, frame) in deltas.iter_mut().zip(frames).take(self.frames) {
-            *delta = frame.state.local(frame.linearization_point());
+            *delta = frame.state.local(self.origin.as_ref().unwrap_or(frame.linearization_point()));
         }
         deltas
     }

@@ -12,7 +12,6 @@
 use super::workspace::{Settings, Workspace};
 use crate::factor::{imu, prior::Prior, reprojection};
 use crate::real::Real;
-use crate::robust::Huber;
 use crate::storage::blocks::{Block, add_transposed_product, place, zero_block};
 use crate::window::{Landmark, Window};
 
@@ -23,7 +22,7 @@ pub fn cost<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usiz
     workspace: &Workspace<T, FRAMES, PAIRS>,
     settings: &Settings<T>,
 ) -> T {
-    let huber = Huber::new(settings.huber);
+    let huber = settings.kernel;
     let mut total = prior.cost(&window.frames);
     for landmark in window.landmarks.iter().filter(|landmark| landmark.active) {
         let direction = landmark.direction();
@@ -82,7 +81,7 @@ pub fn back_substitute<T: Real, const FRAMES: usize, const PAIRS: usize, const P
     settings: &Settings<T>,
     damping: T,
 ) {
-    let huber = Huber::new(settings.huber);
+    let huber = settings.kernel;
     for landmark in window.landmarks.iter_mut().filter(|landmark| landmark.active) {
         let anchor = landmark.anchor();
         let direction = landmark.direction();
@@ -120,7 +119,7 @@ fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
     settings: &Settings<T>,
     damping: T,
 ) -> T {
-    let huber = Huber::new(settings.huber);
+    let huber = settings.kernel;
     let anchor = landmark.anchor();
     let direction = landmark.direction();
     let (mut curvature, mut slope, mut total) = (T::ZERO, T::ZERO, T::ZERO);

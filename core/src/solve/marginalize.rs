@@ -9,12 +9,14 @@
 //! Landmarks that the newest frame still sees are not marginalised: their observation in the leaving frame is dropped
 //! instead and they move to their next frame. So no observation is ever used twice, and the prior stays consistent.
 
+use nalgebra::SMatrix;
+
 use super::assemble::block_of;
 use super::triangle::{Rows, fold};
 use super::workspace::{Settings, Workspace};
 use crate::factor::{imu, prior::Prior};
+use crate::imu::NavState;
 use crate::real::Real;
-use crate::robust::Huber;
 use crate::storage::blocks::{Block, pairs, place, zero_block};
 use crate::window::{Landmark, Window};
 
@@ -31,17 +33,19 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for Marginalizati
     }
 }
 
-/// Adds rows `A x + b` of one frame to the prior, for the first frame of a fresh window. `rows` are `(A, b)`.
+/// Makes `‖A (x ⊟ origin)‖²` the prior of a fresh window's first frame.
 pub fn add_initial<T: Real, const FRAMES: usize, const PAIRS: usize>(
     prior: &mut Prior<T, FRAMES, PAIRS>,
     workspace: &mut Workspace<T, FRAMES, PAIRS>,
-    square_root: &Block<T, 15>,
+    origin: &NavState<T>,
+    square_root: &SMatrix<T, 15, 15>,
 ) {
     prior.clear();
     prior.frames = 1;
+    prior.origin = Some(*origin);
     let (buffer, scratch) = workspace.hessian.as_flattened_mut().as_flattened_mut().split_at_mut(15 * 16);
     let mut rows = Rows::zeros(buffer, 15, 15);
-    for (i, row) in square_root.iter().enumerate() {
+    for (i, row) in block_of(square_root).iter().enumerate() {
         rows.row_mut(i)[..15].copy_from_slice(row);
     }
     fold(&mut prior.triangle, &mut prior.right[..1], &mut rows, scratch);
@@ -61,6 +65,7 @@ pub fn marginalize_oldest<T: Real, const FRAMES: usize, const PAIRS: usize, cons
     for frame in window.frames.iter_mut().take(involved) {
         frame.linearization.get_or_insert(frame.state);
     }
+    prior.settle(&window.frames);
     workspace.prepare(window, settings);
     let mut deltas = [[T::ZERO; 15]; FRAMES];
     for (delta, frame) in deltas.iter_mut().zip(&window.frames).take(involved) {
@@ -153,7 +158,7 @@ fn fold_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
     deltas: &[[T; 15]; FRAMES],
     involved: usize,
 ) {
-    let huber = Huber::new(settings.huber);
+    let huber = settings.kernel;
     let anchor = landmark.anchor();
     let direction = landmark.direction();
     let columns = involved * 6;

@@ -6,6 +6,7 @@ use crate::factor::imu;
 use crate::factor::reprojection::{self, CameraMount, PairGeometry, ReprojectionLinearization};
 use crate::imu::NavState;
 use crate::real::Real;
+use crate::robust::kernel::Kernel;
 use crate::storage::blocks::{Block, pairs, zero_block};
 use crate::window::{CameraPose, Frame, NormalizedPoint, Window};
 
@@ -18,8 +19,8 @@ pub struct Settings<T: Real> {
     pub body_from_camera: Isometry3<T>,
     /// The same, as the Jacobians need it.
     pub mount: CameraMount<T>,
-    /// Where the Huber cost of a whitened observation turns linear.
-    pub huber: T,
+    /// Cost of a whitened observation.
+    pub kernel: Kernel<T>,
     /// Standard deviation of the velocity of a body found at rest, m/s.
     pub rest_sigma_m_s: T,
     /// Squared whitened residual charged for a landmark behind a camera that sees it.

@@ -108,15 +108,20 @@ pub fn initialise_moving<T: Real, B: Bearings<T>>(
     let problem = Problem { config, body_from_camera, links, bearings };
     let linear = align_linearly(&problem, &still.bias, landmarks).ok_or(InitError::Numerical)?;
     let refined = problem.solve(linear.motion, landmarks).ok_or(InitError::Numerical)?;
+    let chain = Chain::new(links, &refined.motion.bias);
+    let (scale_sigma, distance_m) = scale(&refined.motion, &refined.covariance, &chain);
+    #[cfg(test)]
+    std::println!("sigma {scale_sigma} dist {distance_m} conv {} med {} lin v {:?} v {:?}", refined.is_converged, refined.median_residual_px, linear.motion.velocity.as_slice(), refined.motion.velocity.as_slice());
+    if !(scale_sigma <= config.maximum_scale_sigma) {
+        return Err(InitError::Excitation(scale_sigma));
+    }
     if refined.median_residual_px > config.maximum_median_residual * config.sigma_px * T::of(1.1774)
         || refined.inlier_ratio < config.minimum_inlier_ratio
     {
         return Err(InitError::Agreement(refined.median_residual_px, refined.inlier_ratio));
     }
-    let chain = Chain::new(links, &refined.motion.bias);
-    let (scale_sigma, distance_m) = scale(&refined.motion, &refined.covariance, &chain);
-    if !(scale_sigma <= config.maximum_scale_sigma) {
-        return Err(InitError::Excitation(scale_sigma));
+    if !refined.is_converged {
+        return Err(InitError::Numerical);
     }
     let off = (linear.free_gravity_m_s2 - config.gravity_m_s2).abs();
     if off > config.maximum_gravity_error_m_s2 + linear.sigma_free_gravity_m_s2 * T::of(3.0) {

@@ -15,7 +15,7 @@
 //! Without parallax `n` has no preferred plane. There the rotation alone must align the bearings, `n → 0`; this residual takes
 //! part in every pair, weighted as if the parallax were one common error of its own size, so that it only counts where there is none.
 
-use nalgebra::{Isometry3, Matrix2, Matrix3, Matrix3x2, SymmetricEigen, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix2, Matrix3, Matrix3x2, Vector2, Vector3};
 
 use super::chain::{Chain, InertialLink, MAX_INIT_FRAMES};
 use super::config::{InitConfig, InitError};
@@ -74,11 +74,15 @@ struct PairEquations<T: Real> {
 }
 
 impl<T: Real> Pair<T> {
-    /// Cauchy's weight of a bearing pair, and the factor that turns `t · n` into an angle.
-    fn weights(&self, f_first: &Vector3<T>, normal: &Vector3<T>, scale: T) -> (T, T) {
-        let sine_squared = self.translation.cross(f_first).norm_squared() + T::of(NEAR_EPIPOLE);
-        let residual = self.translation.dot(normal);
-        (cauchy(residual * residual / (sine_squared * scale * scale)), T::one() / sine_squared)
+    /// `r`, and its derivative by the direction, 2×1 in the basis given.
+    fn residual(&self, f_first: &Vector3<T>, normal: &Vector3<T>) -> (T, T) {
+        let sine = (self.translation.cross(f_first).norm_squared() + T::of(NEAR_EPIPOLE)).root();
+        (self.translation.dot(normal) / sine, sine)
+    }
+
+    fn d_residual_d_translation(&self, basis: &Matrix3x2<T>, f_first: &Vector3<T>, normal: &Vector3<T>) -> Vector2<T> {
+        let (residual, sine) = self.residual(f_first, normal);
+        basis.tr_mul(&(normal + f_first * (residual * self.translation.dot(f_first) / sine))) / sine
     }
 
     /// Replaces the direction by the best of a few that two tracks alone determine, `n_a × n_b`, if that is better.
@@ -97,7 +101,10 @@ impl<T: Real> Pair<T> {
         let sample = &sample[..count];
         let cost = |translation: &Vector3<T>| {
             let candidate = Self { translation: *translation, ..*self };
-            sample.iter().fold(T::ZERO, |sum, (f_first, normal)| sum - candidate.weights(f_first, normal, scale).0)
+            sample.iter().fold(T::ZERO, |sum, (f_first, normal)| {
+                let (residual, _) = candidate.residual(f_first, normal);
+                sum - cauchy(residual * residual / (scale * scale))
+            })
         };
         let mut best = (cost(&self.translation), self.translation);
         if self.translation == Vector3::zeros() {
@@ -120,21 +127,25 @@ impl<T: Real> Pair<T> {
         self.translation = best.1;
     }
 
-    /// Finds the direction for the present rotation.
+    /// Two Gauss-Newton steps of the direction for the present rotation.
     fn fit_translation<B: Bearings<T>>(&mut self, bearings: &B, scale: T) -> Option<()> {
-        let mut scatter = Matrix3::zeros();
-        for (f_first, f_second) in shared(bearings, self.first, self.second) {
-            let normal = f_first.cross(&(self.rotation * f_second));
-            let (robust, geometric) = self.weights(&f_first, &normal, scale);
-            scatter += normal * normal.transpose() * (robust * geometric);
+        for _ in 0..2 {
+            let basis = across(&self.translation);
+            let (mut information, mut gradient) = (Matrix2::<T>::identity(), Vector2::<T>::zeros());
+            for (f_first, f_second) in shared(bearings, self.first, self.second) {
+                let normal = f_first.cross(&(self.rotation * f_second));
+                let (residual, _) = self.residual(&f_first, &normal);
+                let slope = self.d_residual_d_translation(&basis, &f_first, &normal);
+                let weight = redescending(residual, scale);
+                information += slope * slope.transpose() * weight;
+                gradient += slope * (residual * weight);
+            }
+            let step = -(information.try_inverse()? * gradient);
+            let length = step.norm();
+            let shortened = if length > T::of(0.3) { step * (T::of(0.3) / length) } else { step };
+            self.translation = (self.translation + basis * shortened).normalize();
         }
-        let size = scatter.trace();
-        if !(size.is_usable() && size > T::ZERO) {
-            return None;
-        }
-        let eigen = SymmetricEigen::try_new(scatter / size, T::default_epsilon(), 64)?;
-        self.translation = eigen.eigenvectors.column(eigen.eigenvalues.argmin().0).into_owned();
-        Some(())
+        self.translation.iter().all(|value| value.is_usable()).then_some(())
     }
 
     fn equations<B: Bearings<T>>(&self, bearings: &B, scale: T, sigma: T, residuals: &mut Histogram) -> Option<PairEquations<T>> {
@@ -144,15 +155,14 @@ impl<T: Real> Pair<T> {
         let (mut parallaxes, mut count) = (Histogram::new(), 0_usize);
         for (f_first, f_second) in shared(bearings, self.first, self.second) {
             let normal = f_first.cross(&(self.rotation * f_second));
-            let (robust, geometric) = self.weights(&f_first, &normal, scale);
-            let residual = self.translation.dot(&normal);
-            residuals.add(residual * geometric.root());
+            let (residual, sine) = self.residual(&f_first, &normal);
+            residuals.add(residual);
             parallaxes.add(normal.norm());
             count += 1;
             let arm = self.rotation.tr_mul(&self.translation.cross(&f_first));
-            let d_bias = self.d_rotation.tr_mul(&-arm.cross(&f_second));
-            let d_translation = basis.tr_mul(&normal);
-            let weight = robust * geometric / (scale * scale);
+            let d_bias = self.d_rotation.tr_mul(&-arm.cross(&f_second)) / sine;
+            let d_translation = self.d_residual_d_translation(&basis, &f_first, &normal);
+            let weight = redescending(residual, scale);
             h_bb += d_bias * d_bias.transpose() * weight;
             h_bt += d_bias * d_translation.transpose() * weight;
             h_tt += d_translation * d_translation.transpose() * weight;
@@ -293,8 +303,7 @@ fn vote<T: Real, B: Bearings<T>>(pairs: &[Pair<T>], bearings: &B, landmarks: &mu
                 continue;
             };
             let normal = f_first.cross(&(pair.rotation * f_second));
-            let (_, geometric) = pair.weights(&f_first, &normal, limit);
-            let is_outlier = (pair.translation.dot(&normal) * geometric.root()).abs() > limit;
+            let is_outlier = pair.residual(&f_first, &normal).0.abs() > limit;
             total += 1;
             inliers += u32::from(!is_outlier);
             for frame in [pair.first, pair.second] {
@@ -314,6 +323,12 @@ fn vote<T: Real, B: Bearings<T>>(pairs: &[Pair<T>], bearings: &B, landmarks: &mu
 fn shared<T: Real, B: Bearings<T>>(bearings: &B, first: usize, second: usize) -> impl Iterator<Item = (Vector3<T>, Vector3<T>)> + '_ {
     (0..bearings.landmark_count())
         .filter_map(move |landmark| Some((bearings.bearing(landmark, first)?, bearings.bearing(landmark, second)?)))
+}
+
+/// Weight of Geman and McClure's kernel, 1/rad².
+fn redescending<T: Real>(residual: T, scale: T) -> T {
+    let weight = cauchy(residual * residual / (scale * scale)) / scale;
+    weight * weight
 }
 
 /// Weight of Cauchy's kernel with its knee at two standard deviations.

@@ -35,7 +35,8 @@ const VELOCITY: usize = 0;
 const GRAVITY: usize = 3;
 const ACCEL: usize = 5;
 const GYRO: usize = 8;
-const ITERATIONS: usize = 12;
+/// `(width of the kernel, iterations at most, relative gain that ends the stage)`: a wide kernel first carries a poor start close.
+const STAGES: [(f64, usize, f64); 2] = [(5.0, 10, 1e-2), (1.0, 30, 2e-5)];
 
 type Row<T> = SMatrix<T, 3, PARAMETERS>;
 type Information<T> = SMatrix<T, PARAMETERS, PARAMETERS>;
@@ -173,6 +174,7 @@ pub(super) struct Refined<T: Real> {
     pub median_residual_px: T,
     pub inlier_ratio: T,
     pub observations: usize,
+    pub is_converged: bool,
 }
 
 /// The problem that does not change while it is solved.
@@ -210,19 +212,20 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         x
     }
 
-    fn cost(&self, motion: &Motion<T>, landmarks: &[InitLandmark<T>]) -> T {
+    fn cost(&self, motion: &Motion<T>, landmarks: &[InitLandmark<T>], width: T) -> T {
         let views = Views::new(motion, self.links, self.body_from_camera);
         let x = Self::from_prior(motion);
         let mut cost = x.component_mul(&x).dot(&self.prior());
         let variance = self.config.sigma_rad() * self.config.sigma_rad();
+        let knee = width * width * T::of(4.0);
         for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
             let Some(anchor) = views.as_slice().get(landmark.anchor) else { continue };
             for (frame, view) in views.as_slice().iter().enumerate() {
                 let Some(f) = self.observation(landmark, index, frame) else { continue };
                 let whitened = residual(anchor, view, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
                     .map_or(T::of(1e4), |(e, ..)| e.norm_squared() / variance);
-                // 4 log(1 + s/4): the kernel whose weight is `cauchy`.
-                cost += (T::one() + whitened * T::of(0.25)).ln() * T::of(4.0);
+                // k log(1 + s/k): the kernel whose weight is `cauchy`.
+                cost += (T::one() + whitened / knee).ln() * knee;
             }
         }
         cost
@@ -238,6 +241,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         views: &[View<T>],
         index: usize,
         landmark: &InitLandmark<T>,
+        width: T,
         mut dense: Option<(&mut Information<T>, &mut Gradient<T>)>,
     ) -> LandmarkEquations<T> {
         let mut equations = LandmarkEquations { own: Matrix3::zeros(), own_gradient: Vector3::zeros(), cross: SMatrix::zeros() };
@@ -251,7 +255,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
             else {
                 continue;
             };
-            let weight = cauchy(linear.residual.norm_squared() / variance) / variance;
+            let weight = cauchy(linear.residual.norm_squared() / (variance * width * width)) / variance;
             let weighted = linear.d_landmark * weight;
             equations.own += weighted.tr_mul(&linear.d_landmark);
             equations.own_gradient += weighted.tr_mul(&linear.residual);
@@ -278,13 +282,13 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
     }
 
     /// Information and gradient of the parameters with the landmarks eliminated.
-    fn reduced(&self, motion: &Motion<T>, views: &[View<T>], landmarks: &[InitLandmark<T>], damping: T) -> (Information<T>, Gradient<T>) {
+    fn reduced(&self, motion: &Motion<T>, views: &[View<T>], landmarks: &[InitLandmark<T>], width: T, damping: T) -> (Information<T>, Gradient<T>) {
         let prior = self.prior();
         let mut information = Information::from_diagonal(&prior);
         let mut gradient = prior.component_mul(&Self::from_prior(motion));
         for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
             let (before, gradient_before) = (information, gradient);
-            let equations = self.accumulate(views, index, landmark, Some((&mut information, &mut gradient)));
+            let equations = self.accumulate(views, index, landmark, width, Some((&mut information, &mut gradient)));
             if let Some(inverse) = Self::own_inverse(&equations, damping) {
                 let projected = equations.cross * inverse;
                 information -= projected * equations.cross.transpose();
@@ -296,10 +300,10 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         (information, gradient)
     }
 
-    fn step_landmarks(&self, views: &[View<T>], landmarks: &mut [InitLandmark<T>], step: &Gradient<T>, damping: T) {
+    fn step_landmarks(&self, views: &[View<T>], landmarks: &mut [InitLandmark<T>], step: &Gradient<T>, width: T, damping: T) {
         for (index, landmark) in landmarks.iter_mut().enumerate().filter(|(_, landmark)| landmark.is_used) {
             landmark.previous = (landmark.bearing_in_anchor, landmark.inverse_distance_per_m);
-            let equations = self.accumulate(views, index, landmark, None);
+            let equations = self.accumulate(views, index, landmark, width, None);
             let Some(inverse) = Self::own_inverse(&equations, damping) else { continue };
             let own = -(inverse * (equations.own_gradient + equations.cross.tr_mul(step)));
             let moved = landmark.bearing_in_anchor + across(&landmark.bearing_in_anchor) * own.fixed_rows::<2>(0);
@@ -309,48 +313,62 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         }
     }
 
-    /// Minimises from `start`; `None` when a number is not finite or the equations are singular.
-    pub(super) fn solve(&self, start: Motion<T>, landmarks: &mut [InitLandmark<T>]) -> Option<Refined<T>> {
+    /// Levenberg-Marquardt with one kernel; the parameters and whether the gain has died down.
+    fn descend(
+        &self,
+        start: Motion<T>,
+        landmarks: &mut [InitLandmark<T>],
+        width: T,
+        iterations: usize,
+        least_gain: T,
+    ) -> Option<(Motion<T>, bool)> {
         let mut motion = start;
-        let mut cost = self.cost(&motion, landmarks);
+        let mut cost = self.cost(&motion, landmarks, width);
         let mut damping = T::of(1e-4);
-        for _ in 0..ITERATIONS {
+        for _ in 0..iterations {
             let views = Views::new(&motion, self.links, self.body_from_camera);
-            let (mut information, gradient) = self.reduced(&motion, views.as_slice(), landmarks, damping);
+            let (mut information, gradient) = self.reduced(&motion, views.as_slice(), landmarks, width, damping);
             for i in 0..PARAMETERS {
                 information[(i, i)] *= T::one() + damping;
             }
             let step = information.cholesky()?.solve(&-gradient);
-            self.step_landmarks(views.as_slice(), landmarks, &step, damping);
+            self.step_landmarks(views.as_slice(), landmarks, &step, width, damping);
             let candidate = motion.retract(&step);
-            let candidate_cost = self.cost(&candidate, landmarks);
+            let candidate_cost = self.cost(&candidate, landmarks, width);
             if candidate_cost < cost {
                 let gain = (cost - candidate_cost) / cost;
                 (motion, cost) = (candidate, candidate_cost);
                 damping = (damping * T::of(0.1)).max(T::of(1e-6));
-                if gain < T::of(1e-5) {
-                    break;
+                if gain < least_gain {
+                    return Some((motion, true));
                 }
             } else {
                 for landmark in landmarks.iter_mut().filter(|landmark| landmark.is_used) {
                     (landmark.bearing_in_anchor, landmark.inverse_distance_per_m) = landmark.previous;
                 }
                 damping *= T::of(10.0);
-                if !candidate_cost.is_usable() || damping > T::of(1e3) {
-                    break;
+                if damping > T::of(1e3) {
+                    return cost.is_usable().then_some((motion, true));
                 }
             }
         }
-        if !cost.is_usable() {
-            return None;
+        cost.is_usable().then_some((motion, false))
+    }
+
+    /// Minimises from `start`; `None` when a number is not finite or the equations are singular.
+    pub(super) fn solve(&self, start: Motion<T>, landmarks: &mut [InitLandmark<T>]) -> Option<Refined<T>> {
+        let mut motion = start;
+        let mut is_converged = false;
+        for (width, iterations, least_gain) in STAGES {
+            (motion, is_converged) = self.descend(motion, landmarks, T::of(width), iterations, T::of(least_gain))?;
         }
         let views = Views::new(&motion, self.links, self.body_from_camera);
         let (median_residual_px, inlier_ratio, observations) = self.judge(views.as_slice(), landmarks)?;
-        let (information, _) = self.reduced(&motion, views.as_slice(), landmarks, T::ZERO);
+        let (information, _) = self.reduced(&motion, views.as_slice(), landmarks, T::one(), T::ZERO);
         // The assumed noise is widened, never narrowed, to what the residuals show (median of a Rayleigh distribution: 1.1774 σ).
         let shown = (median_residual_px / (self.config.sigma_px * T::of(1.1774))).max(T::one());
         let covariance = information.cholesky()?.inverse() * (shown * shown);
-        Some(Refined { motion, covariance, median_residual_px, inlier_ratio, observations })
+        Some(Refined { motion, covariance, median_residual_px, inlier_ratio, observations, is_converged })
     }
 
     /// Median residual, share of inliers and number of observations; marks the outliers.

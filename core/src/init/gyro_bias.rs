@@ -27,16 +27,14 @@ use crate::real::Real;
 
 const STRIDES: [usize; 3] = [1, 2, 4];
 const PAIRS: usize = STRIDES.len() * MAX_INIT_FRAMES;
-const ITERATIONS: usize = 16;
+const ITERATIONS: usize = 28;
 /// Wide pairs join once neighbours have removed most of the bias.
 const NEIGHBOURS_ONLY: usize = 4;
 /// Tracks that a pair needs: two for the direction, three for the rotation, and some to spare.
 const MINIMUM_SHARED: usize = 8;
 /// Tracks and pairs of tracks that a direction is first sought with; two good ones among a fifth of outliers are certain.
-const SAMPLE: usize = 48;
-const HYPOTHESES: usize = 24;
-/// Afterwards the directions follow the rotation.
-const SAMPLED_ITERATIONS: usize = NEIGHBOURS_ONLY + 3;
+const SAMPLE: usize = 40;
+const HYPOTHESES: usize = 16;
 /// Squared sine below which a bearing is too close to the translation to say much about its plane.
 const NEAR_EPIPOLE: f64 = 0.01;
 
@@ -65,6 +63,8 @@ struct Pair<T: Real> {
     /// Rotation of the cameras and its derivative by the gyro bias, on the right.
     rotation: Matrix3<T>,
     d_rotation: Matrix3<T>,
+    /// What the direction's step is found from once the bias has moved: inverse information, gradient, coupling.
+    eliminated: (Matrix2<T>, Vector2<T>, Matrix3x2<T>),
 }
 
 /// What one pair says about the bias once its direction is eliminated.
@@ -111,7 +111,8 @@ impl<T: Real> Pair<T> {
             best.0 = T::ZERO;
         }
         for hypothesis in 0..HYPOTHESES {
-            let (Some((_, a)), Some((_, b))) = (sample.get(hypothesis * 7 % count), sample.get((hypothesis * 13 + count / 2) % count)) else {
+            let (Some((_, a)), Some((_, b))) = (sample.get(hypothesis * 7 % count), sample.get((hypothesis * 13 + count / 2) % count))
+            else {
                 continue;
             };
             let across_both = a.cross(b);
@@ -140,15 +141,30 @@ impl<T: Real> Pair<T> {
                 information += slope * slope.transpose() * weight;
                 gradient += slope * (residual * weight);
             }
-            let step = -(information.try_inverse()? * gradient);
-            let length = step.norm();
-            let shortened = if length > T::of(0.3) { step * (T::of(0.3) / length) } else { step };
-            self.translation = (self.translation + basis * shortened).normalize();
+            let turn = -(information.try_inverse()? * gradient);
+            self.turn_translation(&turn);
         }
         self.translation.iter().all(|value| value.is_usable()).then_some(())
     }
 
-    fn equations<B: Bearings<T>>(&self, bearings: &B, scale: T, sigma: T, residuals: &mut Histogram) -> Option<PairEquations<T>> {
+    /// Moves the direction along with a step of the bias.
+    fn follow(&mut self, step: &Vector3<T>) {
+        let (inverse, gradient, coupling) = &self.eliminated;
+        let turn = -(inverse * (gradient + coupling.tr_mul(step)));
+        self.turn_translation(&turn);
+    }
+
+    fn turn_translation(&mut self, turn: &Vector2<T>) {
+        let longest = T::of(0.3);
+        let length = turn.norm();
+        let shortened = if length > longest { turn * (longest / length) } else { *turn };
+        let moved = self.translation + across(&self.translation) * shortened;
+        if self.translation != Vector3::zeros() {
+            self.translation = moved.normalize();
+        }
+    }
+
+    fn equations<B: Bearings<T>>(&mut self, bearings: &B, scale: T, sigma: T, residuals: &mut Histogram) -> Option<PairEquations<T>> {
         let basis: Matrix3x2<T> = across(&self.translation);
         let (mut h_bb, mut g_b) = (Matrix3::<T>::zeros(), Vector3::<T>::zeros());
         let (mut h_bt, mut h_tt, mut g_t) = (Matrix3x2::<T>::zeros(), Matrix2::<T>::zeros(), Vector2::<T>::zeros());
@@ -174,6 +190,7 @@ impl<T: Real> Pair<T> {
         }
         // A direction is known to a radian at least.
         let inverse = (h_tt + Matrix2::identity()).try_inverse()?;
+        self.eliminated = (inverse, g_t, h_bt);
         let mut information = h_bb - h_bt * inverse * h_bt.transpose();
         let mut gradient = g_b - h_bt * inverse * g_t;
 
@@ -223,6 +240,7 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
         translation: Vector3::zeros(),
         rotation: Matrix3::identity(),
         d_rotation: Matrix3::identity(),
+        eliminated: (Matrix2::zeros(), Vector2::zeros(), Matrix3x2::zeros()),
     };
     let mut pairs = [empty; PAIRS];
     let mut pair_count = 0;
@@ -252,7 +270,7 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
             let between = (first.first_from_body.inverse() * second.first_from_body).to_rotation_matrix().into_inner();
             pair.rotation = body_from_camera.transpose() * between * body_from_camera;
             pair.d_rotation = body_from_camera.transpose() * (second.d_rotation_d_gyro - between.tr_mul(&first.d_rotation_d_gyro));
-            if iteration < SAMPLED_ITERATIONS {
+            if iteration < NEIGHBOURS_ONLY + 4 || iteration % 3 == 0 {
                 pair.sample_translation(bearings, scale);
             }
             if pair.fit_translation(bearings, scale).is_none() {
@@ -279,7 +297,8 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
             step *= longest / length;
         }
         bias += step;
-        if length < T::of(1e-4) && iteration >= SAMPLED_ITERATIONS {
+        pairs.iter_mut().take(active).for_each(|pair| pair.follow(&step));
+        if length < T::of(2e-4) && iteration > NEIGHBOURS_ONLY {
             break;
         }
     }
@@ -290,7 +309,13 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
     if residual_px > config.maximum_median_residual * config.sigma_px * T::of(1.5) || inlier_ratio < config.minimum_inlier_ratio {
         return Err(InitError::Agreement(residual_px, inlier_ratio));
     }
-    Ok(GyroBias { gyro_rad_s: bias, sigma_rad_s: covariance.diagonal().map(|v| v.max(T::ZERO).root()), residual_px, inlier_ratio, pairs: used })
+    Ok(GyroBias {
+        gyro_rad_s: bias,
+        sigma_rad_s: covariance.diagonal().map(|v| v.max(T::ZERO).root()),
+        residual_px,
+        inlier_ratio,
+        pairs: used,
+    })
 }
 
 /// Marks observations that are outliers in more than half of their pairs; the share of inliers over all pairs.

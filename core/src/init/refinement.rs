@@ -1,17 +1,18 @@
 //! The most likely motion of the start: all bearings, the inertial samples as one rigid curve.
 //!
 //! # Model
-//! Parameters `x = [v₀ g b_a b_g]`, 11 degrees of freedom: `g` on the sphere of known radius, the rest additive. A landmark is
+//! Parameters `x = [v₀ g b_a b_g ḃ_a]`, 14 degrees of freedom: `g` on the sphere of known radius, the rest additive; `ḃ_a` is a
+//! steady growth of the accelerometer bias. A landmark is
 //! a direction `u` in the camera `a` that saw it first, and an inverse distance ρ. In the body frame of the first image
 //! ```text
 //! q = R_a u + ρ (c_a − c_i)          3×1, R_a, c: orientation and centre of a camera, m
 //! e = B(f)ᵀ R_iᵀ q / (fᵀ R_iᵀ q)     2×1, tangent of the angle off the measured bearing f
-//! c = v₀ t + ½ g t² + α(b) + R(b_g) t_BC
+//! c = v₀ t + ½ g t² + α(b, ḃ_a) + R(b_g) t_BC
 //! ```
 //! and with `h = R_iᵀ q` in the camera, `d = fᵀ h`, body-frame vectors in the first body frame, `φ` and `∂α` from the chain,
 //! ```text
 //! ∂e/∂h = (Bᵀ − e fᵀ)/d      2×3     ∂h/∂δu = R_iᵀ R_a B(u)   3×2     ∂h/∂ρ = R_iᵀ (c_a − c_i)   3×1
-//! ∂h/∂x = [h]× R_CB φ_i δb_g + R_iᵀ (−R_a [u]× R_CB φ_a δb_g + ρ (∂c_a − ∂c_i))                    3×11
+//! ∂h/∂x = [h]× R_CB φ_i δb_g + R_iᵀ (−R_a [u]× R_CB φ_a δb_g + ρ (∂c_a − ∂c_i))                    3×14
 //! ```
 //! Levenberg-Marquardt on Cauchy's kernel with the three numbers of each landmark eliminated.
 //!
@@ -29,12 +30,13 @@ use crate::imu::ImuBias;
 use crate::lie::so3;
 use crate::real::Real;
 
-/// `[v₀ δg b_a b_g]`.
-pub(super) const PARAMETERS: usize = 11;
+/// `[v₀ δg b_a b_g ḃ_a]`.
+pub(super) const PARAMETERS: usize = 14;
 const VELOCITY: usize = 0;
 const GRAVITY: usize = 3;
 const ACCEL: usize = 5;
 const GYRO: usize = 8;
+const DRIFT: usize = 11;
 /// `(width of the kernel, iterations at most, relative gain that ends the stage)`: a wide kernel first carries a poor start close.
 const STAGES: [(f64, usize, f64); 2] = [(5.0, 10, 1e-2), (1.0, 30, 2e-5)];
 
@@ -48,6 +50,8 @@ pub(super) struct Motion<T: Real> {
     pub velocity: Vector3<T>,
     pub gravity: Vector3<T>,
     pub bias: ImuBias<T>,
+    /// `ḃ_a`, m/s³.
+    pub drift: Vector3<T>,
 }
 
 impl<T: Real> Motion<T> {
@@ -61,10 +65,11 @@ impl<T: Real> Motion<T> {
                 gyro_rad_s: self.bias.gyro_rad_s + step.fixed_rows::<3>(GYRO),
                 accel_m_s2: self.bias.accel_m_s2 + step.fixed_rows::<3>(ACCEL),
             },
+            drift: self.drift + step.fixed_rows::<3>(DRIFT),
         }
     }
 
-    /// `p_i` of the body in its first frame, and its derivative, 3×11.
+    /// `p_i` of the body in its first frame, and its derivative, 3×14.
     pub(super) fn body(&self, node: &Node<T>) -> (Vector3<T>, Row<T>) {
         let half_squared = node.time_s * node.time_s * T::of(0.5);
         let magnitude = self.gravity.norm();
@@ -74,7 +79,8 @@ impl<T: Real> Motion<T> {
         d_position.fixed_columns_mut::<2>(GRAVITY).copy_from(&(across(&(self.gravity / magnitude)) * (magnitude * half_squared)));
         d_position.fixed_columns_mut::<3>(ACCEL).copy_from(&node.d_position_d_bias.fixed_columns::<3>(3));
         d_position.fixed_columns_mut::<3>(GYRO).copy_from(&node.d_position_d_bias.fixed_columns::<3>(0));
-        (self.velocity * node.time_s + self.gravity * half_squared + node.position, d_position)
+        d_position.fixed_columns_mut::<3>(DRIFT).copy_from(&node.d_position_d_drift);
+        (self.velocity * node.time_s + self.gravity * half_squared + node.position + node.d_position_d_drift * self.drift, d_position)
     }
 }
 
@@ -125,7 +131,7 @@ impl<T: Real> Views<T> {
 /// One bearing, linearised.
 pub(super) struct Linear<T: Real> {
     pub residual: Vector2<T>,
-    /// 2×11
+    /// 2×14
     pub d_motion: SMatrix<T, 2, PARAMETERS>,
     /// `[δu δρ]`, 2×3
     pub d_landmark: Matrix2x3<T>,
@@ -201,6 +207,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         let mut prior = Gradient::zeros();
         prior.fixed_rows_mut::<3>(VELOCITY).fill(precision(T::of(10.0)));
         prior.fixed_rows_mut::<3>(ACCEL).fill(precision(self.config.sigma_accel_bias_m_s2));
+        prior.fixed_rows_mut::<3>(DRIFT).fill(precision(self.config.sigma_accel_drift_m_s3));
         prior.fixed_rows_mut::<3>(GYRO).fill(precision(self.config.sigma_gyro_bias_rad_s));
         prior
     }
@@ -210,6 +217,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         let mut x = Gradient::zeros();
         x.fixed_rows_mut::<3>(VELOCITY).copy_from(&motion.velocity);
         x.fixed_rows_mut::<3>(ACCEL).copy_from(&motion.bias.accel_m_s2);
+        x.fixed_rows_mut::<3>(DRIFT).copy_from(&motion.drift);
         x.fixed_rows_mut::<3>(GYRO).copy_from(&motion.bias.gyro_rad_s);
         x
     }

@@ -255,7 +255,7 @@ impl World {
         let mut row = std::vec![None; frames];
         let cameras = self.truth.iter().map(|state| state.pose() * self.body_from_camera);
         self.distances.push(cameras.map(|camera| (camera.inverse() * point).coords.norm()).collect());
-        for frame in first..frames.min(first + length) {
+        for (frame, bearing) in row.iter_mut().enumerate().skip(first).take(length) {
             let seen = (self.truth[frame].pose() * self.body_from_camera).inverse() * point;
             let noise = Vector3::new(random.normal(), random.normal(), 0.0) * (setup.noise_px / FOCAL_PX);
             let is_outlier = random.unit() < setup.outliers;
@@ -263,7 +263,7 @@ impl World {
             let off = Vector3::new(turn.cos(), turn.sin(), 0.0) * (random.between(5.0, 50.0) / FOCAL_PX);
             let pixel = seen.coords / seen.z + noise + if is_outlier { off } else { Vector3::zeros() };
             if seen.z > 0.2 && pixel.x.abs() < 0.8 && pixel.y.abs() < 0.52 {
-                row[frame] = Some(pixel.normalize());
+                *bearing = Some(pixel.normalize());
             }
         }
         self.bearings.push(row);

@@ -6,8 +6,9 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2, Vec
 
 use super::world::{GRAVITY, Random, Reading, Setup, World, extrinsics, link};
 use super::{errors, quantile, start};
-use crate::imu::{ImuBias, NavState};
-use crate::init::InitConfig;
+use crate::imu::{ImuBias, ImuSample, NavState};
+use crate::init::{InitConfig, RestConfig, detect_rest};
+use crate::time::Timestamp;
 
 /// The folder of shared recordings, when it holds `path`.
 fn data(path: &str) -> Option<PathBuf> {
@@ -177,4 +178,44 @@ fn real_corners_of_a_target_start() {
     // The resection's frame is the target's, not level, and its biases and velocities are unknown: only the scale counts here.
     let medians = report("imu_april", &[1.0, 2.0], world_at, &starts, &config);
     assert!(medians.last().is_some_and(|(_, scale)| *scale < 0.05), "{medians:?}");
+}
+
+/// Windows of 0.8 s: how many rest, and the largest error of the gyro bias where the truth has one.
+fn resting(imu: &[(i64, Vec<f64>)], truth_rad_s: Option<Vector3<f64>>) -> (usize, usize, f64) {
+    let sample = |(stamp, row): &(i64, Vec<f64>)| ImuSample {
+        stamp: Timestamp::from_nanos(*stamp),
+        gyro_rad_s: vector(row),
+        accel_m_s2: vector(&row[3..]),
+    };
+    let samples: Vec<_> = imu.iter().map(sample).collect();
+    let (mut rests, mut windows, mut worst) = (0, 0, 0.0_f64);
+    for window in samples.chunks_exact(160) {
+        windows += 1;
+        if let Ok(rest) = detect_rest(&RestConfig::default(), window, None) {
+            rests += 1;
+            worst = worst.max(truth_rad_s.map_or(0.0, |truth| (rest.state.bias.gyro_rad_s - truth).norm()));
+        }
+    }
+    (rests, windows, worst)
+}
+
+/// EuRoC's V sequences start at rest; MH_01 begins while it is shaken.
+#[test]
+fn recorded_rest_and_recorded_shaking_are_told_apart() {
+    if let Some(folder) = data("euroc_motion/V1_01_easy/mav0") {
+        let imu = table(folder.join("imu0/data.csv"));
+        let truth = table(folder.join("state_groundtruth_estimate0/data.csv"));
+        let (rests, windows, worst) = resting(&imu[..640], Some(vector(&truth[0].1[10..])));
+        println!("V1_01 start: {rests} of {windows} rest, gyro bias within {worst:.4} rad/s");
+        assert!(rests == windows && worst < 0.004);
+        let (rests, windows, _) = resting(&imu[4000..24000], None);
+        println!("V1_01 flight: {rests} of {windows} rest");
+        assert_eq!(rests, 0);
+    }
+    if let Some(folder) = data("euroc/MH_01_easy/mav0") {
+        let imu = table(folder.join("imu0/data.csv"));
+        let (rests, windows, _) = resting(&imu[..2400], None);
+        println!("MH_01 start: {rests} of {windows} rest");
+        assert_eq!(rests, 0);
+    }
 }

@@ -28,13 +28,13 @@ pub struct FlowConfig {
     pub window_fall: f32,
     /// Most Gauss-Newton steps per level. Default 10.
     pub max_iterations: u32,
-    /// A step shorter than this ends level 0, px. Default 0.01.
+    /// A step shorter than this ends level 0, px. Default 0.02, which leaves an error far smaller: the steps shrink quickly.
     pub converged_px: f32,
-    /// A step shorter than this ends the levels above, px of that level. Default 0.03.
+    /// A step shorter than this ends the levels above, px of that level. Default 0.1.
     pub converged_coarse_px: f32,
     /// Smallest eigenvalue of `H/Σw` that is tracked, (grey level/px)². Default 1.
     pub min_eigenvalue: f32,
-    /// Smallest correlation of the patches once found, in [-1, 1]. Default 0.75.
+    /// Smallest correlation of the patches once found, in [-1, 1]. Default 0.8.
     pub min_correlation: f32,
     /// Largest exposure gain between two images, and inverse of the smallest. Default 2.
     pub max_gain: f32,
@@ -45,10 +45,10 @@ impl FlowConfig {
     pub const DEFAULT: Self = Self {
         window_fall: 0.7,
         max_iterations: 10,
-        converged_px: 0.01,
-        converged_coarse_px: 0.03,
+        converged_px: 0.02,
+        converged_coarse_px: 0.1,
         min_eigenvalue: 1.0,
-        min_correlation: 0.75,
+        min_correlation: 0.8,
         max_gain: 2.0,
     };
 }

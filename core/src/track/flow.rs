@@ -16,6 +16,9 @@
 //! # Degeneracy
 //! A patch whose smaller eigenvalue of `H` is low (an edge, a blank wall) is refused at level 0 and passed over above.
 
+// A comparison that NaN must fail is written as the negation of what must hold, and a kernel's lanes are counted.
+#![allow(clippy::neg_cmp_op_on_partial_ord, clippy::needless_range_loop)]
+
 use crate::image::{Level, MAX_LEVELS};
 
 /// Columns of the scratch block for patches that reach over the border; patches are smaller by three.
@@ -114,7 +117,6 @@ fn source<'a, const N: usize, const MARGIN: usize>(
     // The margin is symmetric about the samples and their right and lower neighbours.
     let reach = half_width::<N>() + (MARGIN / 2) as f32;
     let (left, top) = (center[0] - reach, center[1] - reach);
-    // Written so that NaN fails.
     if !(center[0] >= 0.0 && center[1] >= 0.0 && center[0] <= width as f32 && center[1] <= height as f32) {
         return None;
     }
@@ -154,7 +156,7 @@ impl<const N: usize> FlowWorkspace<N> {
     /// Scratch memory with the window `w(x, y) = v(x) v(y)`, `v(u) = 1 − window_fall u²`, `u` = ±1 at the borders of the patch.
     #[must_use]
     pub const fn new(window_fall: f32) -> Self {
-        const { assert!(N >= 8 && N % 4 == 0 && N + 4 <= BLOCK, "the patch is 8, 12, ... 28 samples wide") }
+        const { assert!(N >= 8 && N.is_multiple_of(4) && N + 4 <= BLOCK, "the patch is 8, 12, ... 28 samples wide") }
         let mut window = [0.0; N];
         let mut k = 0;
         while k < N {
@@ -325,8 +327,7 @@ impl<const N: usize> FlowWorkspace<N> {
             let (dx, dy) = (ixx * bx + ixy * by, ixy * bx + iyy * by);
             center = [center[0] - dx, center[1] - dy];
             let (from_x, from_y) = (center[0] - start[0], center[1] - start[1]);
-            // Written so that NaN fails.
-            if !(from_x * from_x + from_y * from_y < far * far) {
+                    if !(from_x * from_x + from_y * from_y < far * far) {
                 return Err(FlowFailure::Diverged);
             }
             let square = dx * dx + dy * dy;

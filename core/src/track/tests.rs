@@ -155,18 +155,23 @@ fn flat_and_outside_patches_are_refused() {
 const DETECT: DetectConfig = DetectConfig { cell_px: 24, min_distance_px: 15.0, border_px: 12, min_score: 8.0, min_relative_score: 0.005 };
 
 #[test]
-fn a_checkerboard_corner_is_found_where_it_is() {
-    // Squares of 32 px whose corner lies between pixels 31 and 32: at 31.5.
-    let pixels: Vec<u8> = (0..WIDTH * HEIGHT).map(|i| if ((i % WIDTH) / 32 + (i / WIDTH) / 32) % 2 == 0 { 200 } else { 40 }).collect();
+fn a_spot_is_found_where_it_is() {
+    // Gaussian spots 40 px apart: by symmetry the score is highest at their centres.
+    let (cx, cy, sigma) = (20.3, 19.8, 2.5_f64);
+    let spot = |i: usize| {
+        let (u, v) = ((i % WIDTH) as f64, (i / WIDTH) as f64);
+        let (u, v) = ((u - cx + 20.0).rem_euclid(40.0) - 20.0, (v - cy + 20.0).rem_euclid(40.0) - 20.0);
+        (200.0 * (-(u * u + v * v) / (2.0 * sigma * sigma)).exp()).round() as u8
+    };
+    let pixels: Vec<u8> = (0..WIDTH * HEIGHT).map(spot).collect();
     let pyramids = pair(&pixels, &pixels);
     let mut corners = [Corner::default(); 128];
     let found = detect(&pyramids.current(0).unwrap(), &DETECT, core::iter::empty(), 128, &mut corners);
-    assert_eq!(found, 9 * 7, "inner corners of a board of 10 x 7.5 squares");
+    assert_eq!(found, 8 * 6);
     for corner in &corners[..found] {
-        for coordinate in corner.pixel {
-            let from_corner = (coordinate - 31.5).rem_euclid(32.0);
-            assert!(from_corner.min(32.0 - from_corner) < 0.1, "{corner:?}");
-        }
+        let (x, y) = (f64::from(corner.pixel[0]), f64::from(corner.pixel[1]));
+        let (dx, dy) = ((x - cx + 20.0).rem_euclid(40.0) - 20.0, (y - cy + 20.0).rem_euclid(40.0) - 20.0);
+        assert!(dx.hypot(dy) < 0.15, "{corner:?} is off by {dx:.3} {dy:.3}");
     }
 }
 
@@ -345,8 +350,8 @@ fn a_sequence_with_a_black_gap_recovers_under_new_names() {
         }
         assert_eq!(ids.len(), report.tracked + report.detected);
         match k {
-            6..9 => assert!(ids.is_empty(), "nothing to see in the dark"),
-            1..6 | 10.. => assert!(report.tracked > 45, "image {k}: {report:?}"),
+            6..=8 => assert!(ids.is_empty(), "nothing to see in the dark"),
+            1..=5 | 10.. => assert!(report.tracked > 45, "image {k}: {report:?}"),
             _ => assert!(report.detected > 45, "image {k}: {report:?}"),
         }
         seen.extend(&ids);

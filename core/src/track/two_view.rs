@@ -21,6 +21,9 @@
 //! # Degeneracy
 //! Without parallax every `R f × h` is short and all static points fit any `t`: they are all kept, as they should be.
 
+// A comparison that NaN must fail is written as the negation of what must hold.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::lie::so3;
@@ -182,7 +185,7 @@ fn search(pairs: &[BearingPair], rotation: &Matrix3<f32>, threshold: f32, config
         let (f_a, f_b) = (rotation * a.rotated, rotation * b.rotated);
         let normal = f_a.cross(&a.current).cross(&f_b.cross(&b.current));
         let length = crate::real::Real::root(normal.norm_squared());
-        // No parallax, or twice the same plane. Written so that NaN fails.
+        // No parallax, or twice the same plane.
         if !(length > 1e-12) {
             continue;
         }

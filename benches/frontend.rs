@@ -45,8 +45,7 @@ fn image(dx: f64, dy: f64, seed: u32) -> Vec<u8> {
 
 fn frontend(criterion: &mut Criterion) {
     let (first, second) = (image(0.0, 0.0, 10), image(4.3, -2.6, 20));
-    let (first, second) =
-        (ImageView::new(&first, WIDTH, HEIGHT, WIDTH).unwrap(), ImageView::new(&second, WIDTH, HEIGHT, WIDTH).unwrap());
+    let (first, second) = (ImageView::new(&first, WIDTH, HEIGHT, WIDTH).unwrap(), ImageView::new(&second, WIDTH, HEIGHT, WIDTH).unwrap());
     let camera = CameraModel::PinholeRadTan(PinholeRadTan {
         size_px: (WIDTH as u32, HEIGHT as u32),
         focal_px: [458.654, 457.296],
@@ -85,11 +84,8 @@ fn frontend(criterion: &mut Criterion) {
         let number = |n: u32| hash(k as i32, n as i32, 5) as f32;
         let point = Vector3::new(number(1) * 3.0, number(2) * 2.0, 4.0 + 2.0 * number(3));
         let outlier = if k % 5 == 0 { Vector3::new(number(4), number(5), 0.0) * 0.05 } else { Vector3::zeros() };
-        *pair = BearingPair {
-            rotated: point.normalize(),
-            current: (point + Vector3::new(0.05, 0.01, 0.02)).normalize() + outlier,
-            ..*pair
-        };
+        *pair =
+            BearingPair { rotated: point.normalize(), current: (point + Vector3::new(0.05, 0.01, 0.02)).normalize() + outlier, ..*pair };
     }
     group.bench_function("two-view, 20 % outliers", |b| b.iter(|| reject_outliers(&mut pairs, &TwoViewConfig::DEFAULT, 458.0, 0.006)));
 

@@ -164,13 +164,7 @@ impl<const N: usize> FlowWorkspace<N> {
             window[k] = 1.0 - window_fall * u * u;
             k += 1;
         }
-        Self {
-            window,
-            template: [[0.0; N]; N],
-            gradient: [[[0.0; N]; N]; 2],
-            inverse_hessian: [0.0; 3],
-            block: [[0; BLOCK]; BLOCK],
-        }
+        Self { window, template: [[0.0; N]; N], gradient: [[[0.0; N]; N]; 2], inverse_hessian: [0.0; 3], block: [[0; BLOCK]; BLOCK] }
     }
 
     /// Reads the template centred at `center` (px of this level). False when it is outside or flat.
@@ -327,7 +321,7 @@ impl<const N: usize> FlowWorkspace<N> {
             let (dx, dy) = (ixx * bx + ixy * by, ixy * bx + iyy * by);
             center = [center[0] - dx, center[1] - dy];
             let (from_x, from_y) = (center[0] - start[0], center[1] - start[1]);
-                    if !(from_x * from_x + from_y * from_y < far * far) {
+            if !(from_x * from_x + from_y * from_y < far * far) {
                 return Err(FlowFailure::Diverged);
             }
             let square = dx * dx + dy * dy;

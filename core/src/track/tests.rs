@@ -240,7 +240,8 @@ fn two_views_keep_the_static_and_reject_the_moving() {
     ] {
         let (mut pairs, is_outlier) = scene(error, translation, 3, 0.2);
         let motion = reject_outliers(&mut pairs, &TwoViewConfig::DEFAULT, 450.0, sigma).unwrap();
-        let count = |outlier: bool, inlier: bool| pairs.iter().zip(&is_outlier).filter(|(p, o)| **o == outlier && p.is_inlier == inlier).count();
+        let count =
+            |outlier: bool, inlier: bool| pairs.iter().zip(&is_outlier).filter(|(p, o)| **o == outlier && p.is_inlier == inlier).count();
         let (kept, lost, missed, caught) = (count(false, true), count(false, false), count(true, true), count(true, false));
         std::println!("{name}: static kept {kept} lost {lost}; moving missed {missed} caught {caught}; {motion:?}");
         assert!(lost * 50 <= kept, "{name}: {lost} of {} static points rejected", kept + lost);

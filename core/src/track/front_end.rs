@@ -16,8 +16,8 @@ use crate::real::Real;
 pub struct FrontEndConfig {
     /// Tracks to aim for; the table's capacity bounds it. Default 200.
     pub target_tracks: usize,
-    /// Detection runs when fewer than this share of `target_tracks` is left, in [0, 1]. Default 0.97: detection costs as much
-    /// as tracking, and one image in two does without.
+    /// Detection runs when fewer than this share of `target_tracks` is left, in [0, 1]. Default 0.97,
+    /// so that not every image pays for detection.
     pub detect_below_share: f32,
     /// Smallest distance between a new corner and any track, px. Default 20.
     pub min_distance_px: f32,

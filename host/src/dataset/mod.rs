@@ -255,7 +255,7 @@ impl Recording {
 /// The events of a recording.
 pub struct Events<'a> {
     recording: &'a Recording,
-    decoded: Option<Receiver<(Timestamp, Result<GrayImage, Fault>)>>,
+    decoded: Option<Receiver<decode::Decoded>>,
     next_imu: usize,
     next_frame: usize,
     reached: Option<Timestamp>,

@@ -7,7 +7,7 @@ pub fn numerical_jacobian<const M: usize, const N: usize>(
     step: f64,
     f: impl Fn(&SVector<f64, N>) -> SVector<f64, M>,
 ) -> SMatrix<f64, M, N> {
-    let mut jacobian = SMatrix::zeros();
+    let mut jacobian = SMatrix::<f64, M, N>::zeros();
     for column in 0..N {
         let mut delta = SVector::zeros();
         delta[column] = step;

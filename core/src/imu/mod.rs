@@ -1,10 +1,14 @@
 //! Inertial samples, their noise, and their integral between two images.
 
 mod bias;
+mod covariance;
+mod interval;
 mod noise;
 mod preintegration;
 mod sample;
 mod state;
+#[cfg(test)]
+pub(crate) mod testing;
 
 pub use bias::ImuBias;
 pub use noise::ImuNoise;

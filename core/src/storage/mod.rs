@@ -1,1 +1,3 @@
-//! storage.
+//! Containers of fixed capacity.
+
+pub mod blocks;

@@ -1,0 +1,150 @@
+//! The rig and the recorded motion of EuRoC.
+//!
+//! Calibration: `cam0/sensor.yaml` and `cam1/sensor.yaml` of the EuRoC MAV dataset (Burri et al., IJRR 2016), the same on all its
+//! sequences.
+
+use std::path::{Path, PathBuf};
+
+use libella_core::camera::{CameraModel, PinholeRadTan};
+use libella_core::imu::{ImuBias, ImuSample};
+use libella_core::time::Timestamp;
+use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use super::SimError;
+
+/// EuRoC's left (0) or right (any other number) camera.
+#[must_use]
+pub fn camera(index: usize) -> CameraModel<f64> {
+    CameraModel::PinholeRadTan(pinhole(index))
+}
+
+pub(super) fn pinhole(index: usize) -> PinholeRadTan<f64> {
+    if index == 0 {
+        PinholeRadTan {
+            size_px: (752, 480),
+            focal_px: [458.654, 457.296],
+            center_px: [367.215, 248.375],
+            distortion: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05],
+        }
+    } else {
+        PinholeRadTan {
+            size_px: (752, 480),
+            focal_px: [457.587, 456.134],
+            center_px: [379.999, 255.238],
+            distortion: [-0.28368365, 0.07451284, -0.00010473, -3.55590700e-05],
+        }
+    }
+}
+
+/// `T_BC` as the file gives it, rows of the 3×4 matrix.
+pub(super) fn extrinsic_rows(index: usize) -> [[f64; 4]; 3] {
+    if index == 0 {
+        [
+            [0.0148655429818, -0.999880929698, 0.00414029679422, -0.0216401454975],
+            [0.999557249008, 0.0149672133247, 0.025715529948, -0.064676986768],
+            [-0.0257744366974, 0.00375618835797, 0.999660727178, 0.00981073058949],
+        ]
+    } else {
+        [
+            [0.0125552670891, -0.999755099723, 0.0182237714554, -0.0198435579556],
+            [0.999598781151, 0.0130119051815, 0.0251588363115, 0.0453689425024],
+            [-0.0253898008918, 0.0179005838253, 0.999517347078, 0.00786212447038],
+        ]
+    }
+}
+
+/// `T_BC` of EuRoC's left (0) or right camera.
+#[must_use]
+pub fn body_from_camera(index: usize) -> Isometry3<f64> {
+    let rows = extrinsic_rows(index);
+    let rotation = Matrix3::from_fn(|r, c| rows[r][c]);
+    // The file prints twelve digits: orthogonal only to those.
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_eps(&rotation, 1e-15, 100, Rotation3::identity()));
+    Isometry3::from_parts(Translation3::new(rows[0][3], rows[1][3], rows[2][3]), rotation)
+}
+
+/// One row of a EuRoC ground truth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TruthRow {
+    /// When.
+    pub stamp: Timestamp,
+    /// `R_WB`.
+    pub world_from_body: UnitQuaternion<f64>,
+    /// `p_WB`, m.
+    pub position_in_world: Vector3<f64>,
+    /// Biases as the ground truth estimates them.
+    pub bias: ImuBias<f64>,
+}
+
+/// What was recorded of a motion: no images.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedMotion {
+    /// Stamps of `cam0`.
+    pub frame_stamps: Vec<Timestamp>,
+    /// Raw samples of `imu0`.
+    pub imu: Vec<ImuSample<f64>>,
+    /// `state_groundtruth_estimate0`.
+    pub truth: Vec<TruthRow>,
+}
+
+impl RecordedMotion {
+    /// Reads a EuRoC folder: the `mav0` folder itself or the one that holds it.
+    ///
+    /// # Errors
+    /// A file that is missing, or a line that cannot be read, with its number.
+    pub fn read(folder: &Path) -> Result<Self, SimError> {
+        let inner = folder.join("mav0");
+        let mav0 = if inner.is_dir() { inner } else { folder.to_owned() };
+        let imu = read_rows(&mav0.join("imu0/data.csv"), 6)?
+            .into_iter()
+            .map(|(stamp, v)| ImuSample { stamp, gyro_rad_s: vector(&v, 0), accel_m_s2: vector(&v, 3) })
+            .collect();
+        let truth = read_rows(&mav0.join("state_groundtruth_estimate0/data.csv"), 16)?
+            .into_iter()
+            .map(|(stamp, v)| TruthRow {
+                stamp,
+                world_from_body: UnitQuaternion::from_quaternion(Quaternion::new(v[3], v[4], v[5], v[6])),
+                position_in_world: vector(&v, 0),
+                bias: ImuBias { gyro_rad_s: vector(&v, 10), accel_m_s2: vector(&v, 13) },
+            })
+            .collect();
+        let frame_stamps = read_rows(&mav0.join("cam0/data.csv"), 0)?.into_iter().map(|(stamp, _)| stamp).collect();
+        Ok(Self { frame_stamps, imu, truth })
+    }
+}
+
+fn vector(values: &[f64], at: usize) -> Vector3<f64> {
+    Vector3::new(values[at], values[at + 1], values[at + 2])
+}
+
+/// Rows of `stamp, number, ...` with at least `columns` finite numbers and rising stamps.
+fn read_rows(path: &PathBuf, columns: usize) -> Result<Vec<(Timestamp, Vec<f64>)>, SimError> {
+    let text = std::fs::read_to_string(path).map_err(|error| SimError::file(path, error))?;
+    let mut rows: Vec<(Timestamp, Vec<f64>)> = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        if line.starts_with('#') || line.trim().is_empty() {
+            continue;
+        }
+        let wrong = |reason: String| SimError::Line { path: path.clone(), line: index + 1, reason };
+        let mut fields = line.split(',').map(str::trim);
+        let stamp = fields.next().unwrap_or_default();
+        let stamp = stamp.parse().map(Timestamp::from_nanos).map_err(|_| wrong(format!("`{stamp}` is no time stamp in nanoseconds")))?;
+        let mut values = Vec::with_capacity(columns);
+        for field in fields.by_ref().take(columns) {
+            match field.parse::<f64>() {
+                Ok(value) if value.is_finite() => values.push(value),
+                _ => return Err(wrong(format!("`{field}` is no finite number"))),
+            }
+        }
+        if values.len() < columns {
+            return Err(wrong(format!("{} numbers after the time stamp, {columns} are needed", values.len())));
+        }
+        if let Some((last, _)) = rows.last()
+            && *last >= stamp
+        {
+            return Err(wrong("the time stamp is not newer than the one before".to_owned()));
+        }
+        rows.push((stamp, values));
+    }
+    Ok(rows)
+}

@@ -107,12 +107,7 @@ impl<T: Real> Preintegration<T> {
         let mid_matrix = *mid.to_rotation_matrix().matrix();
         let gain = mid_matrix * force * dt;
         let (end_by_gyro, mid_by_gyro) = turn.bias_to_rotation(&phi, &mid_matrix);
-        let step = Transition {
-            dt,
-            velocity_gain: gain,
-            rotation_by_gyro: end_by_gyro * -dt,
-            velocity_by_accel: mid_matrix * -dt,
-        };
+        let step = Transition { dt, velocity_gain: gain, rotation_by_gyro: end_by_gyro * -dt, velocity_by_accel: mid_matrix * -dt };
         self.error.propagate(&step, noise);
 
         // Jacobians: v' = v − [u]× (θ + Aₘ b_g) + C b_a, p' = p + Δt/2 (v + v')
@@ -146,13 +141,7 @@ impl<T: Real> Preintegration<T> {
         let d_theta = turn * later.d_theta_d_gyro;
         let d_velocity = [turn * later.d_velocity_d_gyro, turn * later.d_velocity_d_accel];
         let d_position = [turn * later.d_position_d_gyro, turn * later.d_position_d_accel];
-        let carry = transition(
-            span,
-            [&velocity, &position],
-            &d_theta,
-            [&d_position[0], &d_position[1]],
-            [&d_velocity[0], &d_velocity[1]],
-        );
+        let carry = transition(span, [&velocity, &position], &d_theta, [&d_position[0], &d_position[1]], [&d_velocity[0], &d_velocity[1]]);
         self.error = self.error.compose(&carry, &turn, &later.error);
 
         self.d_position_d_gyro += self.d_velocity_d_gyro * span - so3::hat(&position) * self.d_theta_d_gyro + d_position[0];

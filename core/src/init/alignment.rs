@@ -146,7 +146,8 @@ pub fn initialise_moving<T: Real, B: Bearings<T>>(
 fn choose<T: Real, B: Bearings<T>>(bearings: &B, frames: usize, landmarks: &mut [InitLandmark<T>]) {
     for (index, landmark) in landmarks.iter_mut().enumerate() {
         let mask = *landmark;
-        let mut good = (0..frames).filter(|&frame| !mask.is_rejected(frame)).filter_map(|frame| Some((frame, bearings.bearing(index, frame)?)));
+        let mut good =
+            (0..frames).filter(|&frame| !mask.is_rejected(frame)).filter_map(|frame| Some((frame, bearings.bearing(index, frame)?)));
         if let Some((anchor, bearing)) = good.next() {
             landmark.anchor = anchor;
             landmark.bearing_in_anchor = bearing;
@@ -161,9 +162,10 @@ fn parallax<T: Real, B: Bearings<T>>(views: &Views<T>, bearings: &B, landmarks: 
     for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
         let Some(anchor) = views.as_slice().get(landmark.anchor) else { continue };
         let reference = anchor.first_from_camera * landmark.bearing_in_anchor;
-        let farthest = views.as_slice().iter().enumerate().filter(|(frame, _)| !landmark.is_rejected(*frame)).fold(T::ZERO, |most, (frame, view)| {
-            bearings.bearing(index, frame).map_or(most, |f| most.max((view.first_from_camera * f).cross(&reference).norm()))
-        });
+        let farthest =
+            views.as_slice().iter().enumerate().filter(|(frame, _)| !landmark.is_rejected(*frame)).fold(T::ZERO, |most, (frame, view)| {
+                bearings.bearing(index, frame).map_or(most, |f| most.max((view.first_from_camera * f).cross(&reference).norm()))
+            });
         angles.add(farthest);
     }
     angles.quantile(0.5).unwrap_or(T::ZERO)
@@ -189,7 +191,11 @@ struct LandmarkEquations<T: Real> {
 }
 
 /// The linear solve; leaves every landmark's direction and inverse distance behind.
-fn align_linearly<T: Real, B: Bearings<T>>(problem: &Problem<'_, T, B>, bias: &ImuBias<T>, landmarks: &mut [InitLandmark<T>]) -> Option<Linear<T>> {
+fn align_linearly<T: Real, B: Bearings<T>>(
+    problem: &Problem<'_, T, B>,
+    bias: &ImuBias<T>,
+    landmarks: &mut [InitLandmark<T>],
+) -> Option<Linear<T>> {
     let config = problem.config;
     // Without velocity and gravity the views hold the known part of the centres.
     let at_rest = Motion { velocity: Vector3::zeros(), gravity: Vector3::zeros(), bias: *bias };
@@ -220,7 +226,13 @@ fn align_linearly<T: Real, B: Bearings<T>>(problem: &Problem<'_, T, B>, bias: &I
 }
 
 /// The weight of a bearing given where its landmark was found last.
-fn weight<T: Real>(config: &InitConfig<T>, centres: Option<&Views<T>>, landmark: &InitLandmark<T>, frame: usize, direction: &Vector3<T>) -> T {
+fn weight<T: Real>(
+    config: &InitConfig<T>,
+    centres: Option<&Views<T>>,
+    landmark: &InitLandmark<T>,
+    frame: usize,
+    direction: &Vector3<T>,
+) -> T {
     let sigma = config.sigma_rad();
     let found = centres.and_then(|centres| Some((centres.as_slice().get(landmark.anchor)?, centres.as_slice().get(frame)?)));
     let Some((anchor, view)) = found else { return T::one() / (sigma * sigma) };
@@ -246,7 +258,8 @@ fn add_landmark<T: Real, B: Bearings<T>>(
     for (frame, (view, &time)) in known.as_slice().iter().zip(times).enumerate() {
         let Some(f) = (!landmark.is_rejected(frame)).then(|| problem.bearings.bearing(index, frame)).flatten() else { continue };
         let direction = view.first_from_camera * f;
-        let block = (Matrix3::identity() - direction * direction.transpose()) * weight(problem.config, centres, landmark, frame, &direction);
+        let block =
+            (Matrix3::identity() - direction * direction.transpose()) * weight(problem.config, centres, landmark, frame, &direction);
         let right = block * view.centre;
         let half_squared = time * time * T::of(0.5);
         own.own += block;

@@ -124,9 +124,7 @@ impl<T: Real> Node<T> {
             position: self.position + self.velocity * link.span_s + turned * position,
             d_rotation_d_gyro: rotation.to_rotation_matrix().transpose() * self.d_rotation_d_gyro + d_rotation,
             d_velocity_d_bias: self.d_velocity_d_bias + advance(&velocity, &link.d_velocity_d_bias),
-            d_position_d_bias: self.d_position_d_bias
-                + self.d_velocity_d_bias * link.span_s
-                + advance(&position, &link.d_position_d_bias),
+            d_position_d_bias: self.d_position_d_bias + self.d_velocity_d_bias * link.span_s + advance(&position, &link.d_position_d_bias),
         }
     }
 }

@@ -85,7 +85,11 @@ impl<T: Real> fmt::Display for InitError<T> {
             Self::Excitation(sigma) => write!(f, "scale is known to {:.0} % only: accelerate the camera", sigma.as_f64() * 100.0),
             Self::Gravity(magnitude) => write!(f, "gravity comes out as {magnitude:.2} m/s²: check units and axes"),
             Self::Agreement(px, ratio) => {
-                write!(f, "images and inertial samples disagree by {px:.1} px ({:.0} % fit): check extrinsics and stamps", ratio.as_f64() * 100.0)
+                write!(
+                    f,
+                    "images and inertial samples disagree by {px:.1} px ({:.0} % fit): check extrinsics and stamps",
+                    ratio.as_f64() * 100.0
+                )
             }
             Self::Numerical => write!(f, "the equations of the start are singular"),
         }

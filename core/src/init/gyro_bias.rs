@@ -104,7 +104,8 @@ impl<T: Real> Pair<T> {
             best.0 = T::ZERO;
         }
         for hypothesis in 0..HYPOTHESES {
-            let (Some((_, a)), Some((_, b))) = (sample.get(hypothesis * 7 % count), sample.get((hypothesis * 13 + count / 2) % count)) else {
+            let (Some((_, a)), Some((_, b))) = (sample.get(hypothesis * 7 % count), sample.get((hypothesis * 13 + count / 2) % count))
+            else {
                 continue;
             };
             let across_both = a.cross(b);
@@ -207,13 +208,7 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
     let sigma = config.sigma_rad();
     // Both bearings of a pair are noisy.
     let least_scale = sigma * T::of(core::f64::consts::SQRT_2);
-    let empty = Pair {
-        first: 0,
-        second: 0,
-        translation: Vector3::zeros(),
-        rotation: Matrix3::identity(),
-        d_rotation: Matrix3::identity(),
-    };
+    let empty = Pair { first: 0, second: 0, translation: Vector3::zeros(), rotation: Matrix3::identity(), d_rotation: Matrix3::identity() };
     let mut pairs = [empty; PAIRS];
     let mut pair_count = 0;
     for stride in STRIDES {
@@ -280,7 +275,13 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
     if residual_px > config.maximum_median_residual * config.sigma_px * T::of(1.5) || inlier_ratio < config.minimum_inlier_ratio {
         return Err(InitError::Agreement(residual_px, inlier_ratio));
     }
-    Ok(GyroBias { gyro_rad_s: bias, sigma_rad_s: covariance.diagonal().map(|v| v.max(T::ZERO).root()), residual_px, inlier_ratio, pairs: used })
+    Ok(GyroBias {
+        gyro_rad_s: bias,
+        sigma_rad_s: covariance.diagonal().map(|v| v.max(T::ZERO).root()),
+        residual_px,
+        inlier_ratio,
+        pairs: used,
+    })
 }
 
 /// Marks observations that are outliers in more than half of their pairs; the share of inliers over all pairs.

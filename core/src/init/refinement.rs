@@ -98,12 +98,8 @@ impl<T: Real> Views<T> {
         let chain = Chain::new(links, &motion.bias);
         let body_from_camera_turn = body_from_camera.rotation.to_rotation_matrix().into_inner();
         let lever = body_from_camera.translation.vector;
-        let empty = View {
-            first_from_camera: Matrix3::identity(),
-            centre: Vector3::zeros(),
-            d_centre: Row::zeros(),
-            d_turn: Matrix3::zeros(),
-        };
+        let empty =
+            View { first_from_camera: Matrix3::identity(), centre: Vector3::zeros(), d_centre: Row::zeros(), d_turn: Matrix3::zeros() };
         let mut views = [empty; MAX_INIT_FRAMES];
         for (view, node) in views.iter_mut().zip(chain.nodes()) {
             let first_from_body = node.first_from_body.to_rotation_matrix().into_inner();
@@ -135,7 +131,13 @@ pub(super) struct Linear<T: Real> {
 }
 
 /// `None` when the point is not in front of the camera.
-pub(super) fn residual<T: Real>(anchor: &View<T>, view: &View<T>, u: &Vector3<T>, rho: T, f: &Vector3<T>) -> Option<(Vector2<T>, Vector3<T>, T)> {
+pub(super) fn residual<T: Real>(
+    anchor: &View<T>,
+    view: &View<T>,
+    u: &Vector3<T>,
+    rho: T,
+    f: &Vector3<T>,
+) -> Option<(Vector2<T>, Vector3<T>, T)> {
     let h = view.first_from_camera.tr_mul(&(anchor.first_from_camera * u + (anchor.centre - view.centre) * rho));
     let depth = f.dot(&h);
     (depth > T::of(0.05)).then(|| (across(f).tr_mul(&h) / depth, h, depth))
@@ -246,9 +248,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         for (frame, view) in views.iter().enumerate() {
             let Some(f) = self.observation(landmark, index, frame) else { continue };
             let is_anchor = frame == landmark.anchor;
-            let Some(linear) =
-                linearize(anchor, view, is_anchor, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
-            else {
+            let Some(linear) = linearize(anchor, view, is_anchor, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f) else {
                 continue;
             };
             let weight = cauchy(linear.residual.norm_squared() / variance) / variance;

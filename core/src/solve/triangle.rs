@@ -49,12 +49,7 @@ impl<'a, T: Real> Rows<'a, T> {
 /// Folds `rows` into the triangle `(R, d)` of `n` block rows. The rows are overwritten. `scratch` holds `n B + 1` scalars.
 ///
 /// Block row `i` of `R` has its block of column `j ≥ i` at `place(j, i)`.
-pub fn fold<T: Real, const B: usize>(
-    triangle: &mut [Block<T, B>],
-    right: &mut [[T; B]],
-    rows: &mut Rows<'_, T>,
-    scratch: &mut [T],
-) {
+pub fn fold<T: Real, const B: usize>(triangle: &mut [Block<T, B>], right: &mut [[T; B]], rows: &mut Rows<'_, T>, scratch: &mut [T]) {
     let n = right.len();
     let columns = n * B;
     let width = rows.width;

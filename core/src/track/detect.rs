@@ -199,9 +199,8 @@ fn best_in(level: &Level<'_>, x: core::ops::Range<usize>, y: core::ops::Range<us
         let [xx, xy, yy] = &sums;
         let mut highest = [0.0_f32; 4];
         for (k, out) in scores.iter_mut().enumerate() {
-            let window = |sums: &[i32; ROW]| {
-                (sums[k] + sums[k + 1]) + (sums[k + 2] + sums[k + 3]) + (sums[k + 4] + sums[k + 5]) + sums[k + 6]
-            };
+            let window =
+                |sums: &[i32; ROW]| (sums[k] + sums[k + 1]) + (sums[k + 2] + sums[k + 3]) + (sums[k + 4] + sums[k + 5]) + sums[k + 6];
             *out = score(window(xx) as f32, window(xy) as f32, window(yy) as f32);
         }
         for four in scores.chunks_exact(4) {

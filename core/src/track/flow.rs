@@ -162,13 +162,7 @@ impl<const N: usize> FlowWorkspace<N> {
             window[k] = 1.0 - window_fall * u * u;
             k += 1;
         }
-        Self {
-            window,
-            template: [[0.0; N]; N],
-            gradient: [[[0.0; N]; N]; 2],
-            inverse_hessian: [0.0; 3],
-            block: [[0; BLOCK]; BLOCK],
-        }
+        Self { window, template: [[0.0; N]; N], gradient: [[[0.0; N]; N]; 2], inverse_hessian: [0.0; 3], block: [[0; BLOCK]; BLOCK] }
     }
 
     /// Reads the template centred at `center` (px of this level). False when it is outside or flat.

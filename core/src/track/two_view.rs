@@ -267,8 +267,7 @@ impl Motion {
             let s = crate::real::Real::root((1.0 - 0.5 * (tf * tf + th * th)).max(MIN_EPIPOLE_SINE * MIN_EPIPOLE_SINE));
             let d_rotation = (h * tf - t * f.dot(&h)) / s;
             let normal = f.cross(&h) / s;
-            let jacobian =
-                SVector::<f32, 5>::new(d_rotation.x, d_rotation.y, d_rotation.z, normal.dot(&first), normal.dot(&second));
+            let jacobian = SVector::<f32, 5>::new(d_rotation.x, d_rotation.y, d_rotation.z, normal.dot(&first), normal.dot(&second));
             information += jacobian * (jacobian.transpose() * weight);
             gradient -= jacobian * (weight * error);
         }

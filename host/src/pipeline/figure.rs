@@ -20,6 +20,8 @@ const ERROR: RGBColor = RGBColor(0xc0, 0x39, 0x2b);
 const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
 const SOFT_INK: RGBColor = RGBColor(0x60, 0x60, 0x60);
 const FAINT: RGBColor = RGBColor(0xe6, 0xe6, 0xe6);
+/// Points per piece of a line.
+const PIECE: usize = 12;
 const FONT: &str = "sans-serif";
 
 /// What is drawn.
@@ -174,7 +176,10 @@ fn paint_view<B: DrawingBackend>(
             continue;
         }
         let (style, length) = (color.stroke_width(stroke * zoom), (24 * zoom).cast_signed());
-        let line = chart.draw_series(LineSeries::new(thinned(points, step), style)).map_err(said)?;
+        let points = thinned(points, step);
+        // In pieces: one wide line that crosses itself is left white where it does.
+        let pieces = (0..points.len()).step_by(PIECE).filter_map(|start| points.get(start..points.len().min(start + PIECE + 1)));
+        let line = chart.draw_series(pieces.map(|piece| PathElement::new(piece.to_vec(), style))).map_err(said)?;
         line.label(label).legend(move |(x, y)| PathElement::new([(x, y), (x + length, y)], style));
     }
     chart.draw_series(flat.estimate.first().map(|point| Circle::new(*point, 6 * zoom, ESTIMATE.filled()))).map_err(said)?;

@@ -160,9 +160,15 @@ impl World {
         let body_from_camera = Isometry3::from_parts(
             Translation3::new(-0.0216, -0.0647, 0.0098),
             UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::new(
-                0.0148655429818, -0.999880929698, 0.00414029679422, //
-                0.999557249008, 0.0149672133247, 0.025715529948, //
-                -0.0257744366974, 0.00375618835797, 0.999660727178,
+                0.0148655429818,
+                -0.999880929698,
+                0.00414029679422, //
+                0.999557249008,
+                0.0149672133247,
+                0.025715529948, //
+                -0.0257744366974,
+                0.00375618835797,
+                0.999660727178,
             ))),
         );
         let bias = ImuBias { gyro_rad_s: random.vector().normalize() * 0.08, accel_m_s2: random.vector().normalize() * 0.1 };
@@ -202,18 +208,12 @@ impl World {
                 )
             })
             .collect();
-        let links = (0..setup.frames - 1)
-            .map(|i| link(&readings[i * per_link..=(i + 1) * per_link], step_s, &ImuBias::default()))
-            .collect();
+        let links =
+            (0..setup.frames - 1).map(|i| link(&readings[i * per_link..=(i + 1) * per_link], step_s, &ImuBias::default())).collect();
         let truth: Vec<_> = (0..setup.frames)
             .map(|i| {
                 let t = (i * per_link) as f64 * step_s;
-                NavState {
-                    world_from_body: attitude(t),
-                    position_in_world: position(t, 0),
-                    velocity_in_world: position(t, 1),
-                    bias,
-                }
+                NavState { world_from_body: attitude(t), position_in_world: position(t, 0), velocity_in_world: position(t, 1), bias }
             })
             .collect();
         let mut world = Self { links, truth, bias, body_from_camera, bearings: Vec::new(), is_outlier: Vec::new() };

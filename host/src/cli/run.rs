@@ -35,6 +35,9 @@ pub(crate) struct Arguments {
     quiet: bool,
 }
 
+/// So many images on which vision and inertial samples disagree are no accident: a second of most recordings.
+const CONTRADICTIONS: usize = 20;
+
 fn parse_scalar(text: &str) -> Result<Scalar, String> {
     match text {
         "f64" => Ok(Scalar::F64),
@@ -57,7 +60,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     }
     let stop = stop_on_interrupt();
     let bar = progress(recording.frames.len(), arguments.quiet);
+    let mut contradictions = 0;
     let run = pipeline::run(&recording, &config, &stop, |frame| {
+        contradictions += usize::from(frame.health == Health::Initialising(Waiting::Agreement));
+        if contradictions == CONTRADICTIONS && !arguments.quiet {
+            contradictions += 1;
+            bar.suspend(|| eprintln!("warning: {}", word(frame.health)));
+        }
         if let Some(reason) = frame.refused.as_ref().filter(|_| !arguments.quiet) {
             bar.suspend(|| eprintln!("warning: image at {} is left out: {reason}", frame.stamp));
         }

@@ -199,7 +199,8 @@ fn core_timing(run: &Run) -> Option<CoreTiming> {
 }
 
 fn consistency(recording: &Recording, config: &Config, run: &Run) -> Option<Consistency> {
-    let truth = recording.truth.as_ref()?;
+    // Without a vertical in common the first pose cannot be laid onto the truth.
+    let truth = recording.truth.as_ref().filter(|_| recording.truth_is_level)?;
     #[allow(clippy::cast_possible_truncation)]
     let max_gap = Span::from_nanos((config.evaluation.max_truth_gap_s * 1e9) as i64);
     let poses: Vec<_> = run

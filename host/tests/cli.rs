@@ -1,8 +1,13 @@
 //! The command as a user meets it: exit codes, messages, files.
 #![allow(clippy::unwrap_used)]
 
+#[path = "../../tests/support/mod.rs"]
+mod support;
+
 use std::path::Path;
 use std::process::{Command, Output};
+
+use support::Folder;
 
 fn libella(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_libella")).args(arguments).output().unwrap()
@@ -66,4 +71,35 @@ fn trajectories_that_share_no_time_give_no_result() {
     std::fs::write(&b, "11.0 0 0 0 0 0 0 1\n12.0 1 0 0 0 0 0 1\n").unwrap();
     let done = libella(&["evaluate", a.to_str().unwrap(), b.to_str().unwrap()]);
     assert_eq!(done.status.code(), Some(4), "{}", text(&done.stderr));
+}
+
+#[test]
+fn a_recording_at_rest_leaves_its_files_and_a_report_with_the_promised_names() {
+    let folder = Folder::new();
+    let out = folder.root().join("results");
+    let done = libella(&["run", folder.root().to_str().unwrap(), "--out", out.to_str().unwrap(), "--scalar", "f32", "--seed", "5"]);
+    // One second of rest in front of a chessboard may or may not be enough to start from.
+    assert!(matches!(done.status.code(), Some(0 | 4)), "{}", text(&done.stderr));
+    for file in ["trajectory.tum", "trajectory.csv", "trajectory.svg", "trajectory.png"] {
+        assert!(out.join(file).metadata().unwrap().len() > 0, "{file}");
+    }
+    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
+    for name in ["configuration", "coverage", "initialised_after_s", "ate_rmse_m", "scale_error_percent", "rpe", "wall_s", "rss_peak_mb"] {
+        assert!(report.get(name).is_some(), "{name}");
+    }
+    for name in ["median", "p95", "max", "stages"] {
+        assert!(report["core_ms"].get(name).is_some(), "{name}");
+    }
+    assert_eq!((&report["scalar"], &report["seed"], &report["frames"]), (&"f32".into(), &5.into(), &10.into()));
+    assert_eq!(report["poses"].as_u64().unwrap() == 0, done.status.code() == Some(4));
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_is_found_out_before_the_run() {
+    let folder = Folder::new();
+    let taken = folder.root().join("taken");
+    std::fs::write(&taken, "a file").unwrap();
+    let done = libella(&["run", folder.root().to_str().unwrap(), "--out", taken.to_str().unwrap()]);
+    assert_eq!(done.status.code(), Some(5), "{}", text(&done.stderr));
+    assert!(text(&done.stdout).is_empty() && text(&done.stderr).contains("taken"));
 }

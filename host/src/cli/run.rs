@@ -58,6 +58,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
             eprintln!("warning: {}{times}", remark.first);
         }
     }
+    pipeline::prepare_outputs(&folder)?;
     let stop = stop_on_interrupt();
     let bar = progress(recording.frames.len(), arguments.quiet);
     let mut contradictions = 0;

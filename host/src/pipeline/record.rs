@@ -216,6 +216,15 @@ fn consistency(recording: &Recording, config: &Config, run: &Run) -> Option<Cons
     Some(Consistency { mean: found.mean, median: found.median, poses: values.len() })
 }
 
+/// Makes the folder of the results, and finds out before a run whether it can be written to.
+///
+/// # Errors
+/// When it cannot be made or written to.
+pub fn prepare_outputs(folder: &Path) -> Result<(), Fault> {
+    std::fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
+    write(&folder.join("report.json"), "{}\n")
+}
+
 /// Writes `trajectory.tum`, `trajectory.csv` and `report.json` into a folder, which is made if it is not there.
 ///
 /// # Errors

@@ -293,3 +293,33 @@ fn an_interrupted_run_ends_after_the_image_at_hand_and_writes_its_results() {
     assert_eq!(report["ended"], "interrupted");
     assert!(out.join("trajectory.tum").is_file() && out.join("trajectory.csv").is_file());
 }
+
+#[test]
+fn damaged_corner_recordings_are_named_with_their_line() {
+    let write = |tracks: &str| {
+        let folder = Folder::new();
+        std::fs::copy(folder.path(IMU), folder.root().join("imu0.csv")).unwrap();
+        let rows: String = tracks.lines().map(|row| format!("{}{row}\n", START_NS / 1_000_000_000)).collect();
+        std::fs::write(folder.root().join("tracks_cam0.csv"), format!("#t,tag,corner,u,v\n{rows}")).unwrap();
+        folder
+    };
+    let whole = write("100000000,0,0,10.5,20.5\n100000000,0,1,30.5,20.5\n200000000,0,0,11.5,20.5");
+    let recording = whole.open().unwrap();
+    assert_eq!((recording.frames.len(), recording.imu.len()), (2, 201));
+    let damaged = [
+        ("100000000,0,0,10.5,20.5\n100000000,0,4,30.5,20.5", 3, "no corner"),
+        ("100000000,0,0,10.5,20.5\n100000000,0,0,30.5,20.5", 3, "twice"),
+        ("200000000,0,0,10.5,20.5\n100000000,0,0,30.5,20.5", 3, "goes back by 100.000 ms"),
+        ("100000000,0,0,NaN,20.5", 2, "finite"),
+        ("100000000,0,0,10.5", 2, "cut off"),
+        ("100000000,-1,0,10.5,20.5", 2, "not a count"),
+    ];
+    for (tracks, line, word) in damaged {
+        let folder = write(tracks);
+        let fault = folder.open().map(|_| ()).unwrap_err();
+        check(&fault, FaultKind::Malformed, &folder.root().join("tracks_cam0.csv"), Some(line));
+        assert!(fault.to_string().contains(word), "{fault}");
+    }
+    std::fs::remove_file(whole.root().join("imu0.csv")).unwrap();
+    check(&whole.open().map(|_| ()).unwrap_err(), FaultKind::Missing, &whole.root().join("imu0.csv"), None);
+}

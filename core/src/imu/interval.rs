@@ -42,7 +42,8 @@ impl<T: Real> Interval<T> {
         Self {
             half: UnitQuaternion::new_unchecked(Quaternion::new(cosine, phi.x * scale, phi.y * scale, phi.z * scale)),
             s: T::of(1.0 / 24.0) - angle_squared * (T::of(1.0 / 1920.0) - angle_squared * T::of(1.0 / 322_560.0)),
-            a: T::of(0.25) - angle_squared * (T::of(1.0 / 192.0) - angle_squared * T::of(1.0 / 23_040.0)),
+            a: T::of(0.25)
+                - angle_squared * (T::of(1.0 / 192.0) - angle_squared * (T::of(1.0 / 23_040.0) - angle_squared * T::of(1.0 / 5_160_960.0))),
             b: T::of(1.0 / 24.0) - angle_squared * (T::of(1.0 / 1920.0) - angle_squared * T::of(1.0 / 322_560.0)),
         }
     }

@@ -10,7 +10,7 @@
 //! ```text
 //! M = ΔR Exp(ω Δt/2)    ΔR ← ΔR Exp(ω Δt)    Δp ← Δp + Δv Δt + M a Δt²/2    Δv ← Δv + M a Δt
 //! ```
-//! Errors and bias Jacobians live in the start frame (rotation on the LEFT of ΔR) while integrating, see [`super::covariance`]; the public
+//! Errors and bias Jacobians live in the start frame (rotation on the LEFT of ΔR) while integrating (`covariance.rs` says why); the public
 //! face is the perturbation used everywhere, on the right: `φ = ΔRᵀ θ`.
 //!
 //! # Bias
@@ -50,6 +50,23 @@ impl fmt::Display for PreintegrationError {
 impl core::error::Error for PreintegrationError {}
 
 /// The integral of the samples between two instants, with its covariance and bias Jacobians.
+///
+/// # Example
+/// ```
+/// # use libella_core::imu::{ImuBias, ImuNoise, ImuSample, NavState, Preintegration};
+/// # use libella_core::time::Timestamp;
+/// # use nalgebra::Vector3;
+/// let reading = |nanos| ImuSample {
+///     stamp: Timestamp::from_nanos(nanos),
+///     gyro_rad_s: Vector3::zeros(),
+///     accel_m_s2: Vector3::new(1.0, 0.0, 9.81), // level, speeding up
+/// };
+/// let mut integral = Preintegration::<f64>::new(ImuBias::default());
+/// integral.integrate(&ImuNoise::adis16448(), &reading(0), &reading(5_000_000))?;
+/// let later = integral.predict(&NavState::origin(), &Vector3::new(0.0, 0.0, -9.81));
+/// assert!((later.velocity_in_world - Vector3::new(0.005, 0.0, 0.0)).norm() < 1e-12);
+/// # Ok::<(), libella_core::imu::PreintegrationError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Preintegration<T: Real> {
     span: Span,

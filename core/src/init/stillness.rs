@@ -108,7 +108,7 @@ pub fn detect_rest<T: Real>(config: &RestConfig<T>, samples: &[ImuSample<T>], di
     if span_s < config.minimum_span_s || samples.len() < 4 * BLOCKS || !samples.iter().all(ImuSample::is_finite) {
         return Err(Motion::Window(span_s));
     }
-    if let Some(px) = displacement_px.filter(|px| !(*px <= config.maximum_displacement_px)) {
+    if let Some(px) = displacement_px.filter(|px| *px > config.maximum_displacement_px || !px.is_usable()) {
         return Err(Motion::Image(px));
     }
     let rate_hz = T::of((samples.len() - 1) as f64) / span_s;

@@ -21,7 +21,7 @@ pub struct SolveReport<T> {
 }
 
 /// Damping at the start and its bounds; Marquardt's, relative to the diagonal.
-const DAMPING_START: f64 = 1e-5;
+const DAMPING_START: f64 = 1e-8;
 const DAMPING_MOST: f64 = 1e3;
 /// A step that lowers the cost by less than this share ends the solution.
 const CONVERGED: f64 = 1e-4;
@@ -69,7 +69,7 @@ pub fn optimize<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
             let gain = if predicted > T::ZERO { decrease / predicted } else { T::ZERO };
             // Nielsen's rule, bounded to a factor of ten.
             let turn = T::of(2.0) * gain - T::one();
-            damping = (damping * (T::one() - turn * turn * turn).max(T::of(0.1))).max(T::of(1e-8));
+            damping = (damping * (T::one() - turn * turn * turn).max(T::of(0.1))).max(T::of(1e-10));
             if decrease < before * T::of(CONVERGED) {
                 break;
             }
@@ -81,7 +81,10 @@ pub fn optimize<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
                 landmark.inverse_depth = landmark.saved_inverse_depth;
             }
             workspace.geometry.update(&window.frames, settings);
-            damping = (damping * T::of(30.0)).max(T::of(1e-4));
+            if -decrease < before * T::of(CONVERGED) {
+                break;
+            }
+            damping = (damping * T::of(30.0)).max(T::of(1e-5));
             if damping > T::of(DAMPING_MOST) {
                 break;
             }

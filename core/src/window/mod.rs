@@ -1,10 +1,12 @@
 //! The sliding window: recent frames, keyframes, and the landmarks they see.
 
+mod flow;
 mod frame;
 mod geometry;
 mod landmark;
 mod policy;
 
+pub use flow::CommonFlow;
 pub use frame::Frame;
 pub use geometry::CameraPose;
 pub use landmark::{Landmark, NormalizedPoint};

@@ -17,11 +17,17 @@ pub mod trajectory;
 
 mod error;
 mod flight;
+mod photometry;
+mod render;
+mod surface;
+mod texture;
 
 pub use error::SimError;
 pub use features::FeatureConfig;
 pub use flight::{Flight, ImuSource, RealMotionConfig};
 pub use imu::ImuConfig;
+pub use photometry::PhotometryConfig;
+pub use render::{DepthMap, GrayImage, RenderConfig, Renderer, World};
 pub use scene::{RoomConfig, Scene};
 pub use trajectory::{AnalyticConfig, Motion, MotionKind, Trajectory};
 

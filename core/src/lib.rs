@@ -1,6 +1,6 @@
 #![no_std]
 #![forbid(unsafe_code)]
-//! Monocular visual-inertial odometry in a fixed number of kilobytes.
+#![doc = include_str!("../README.md")]
 
 #[cfg(test)]
 extern crate std;

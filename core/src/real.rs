@@ -65,3 +65,55 @@ macro_rules! impl_real {
 
 impl_real!(f32);
 impl_real!(f64);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn obeys_its_identities<T: Real>(a: f64, b: f64) {
+        let epsilon = T::default_epsilon().as_f64();
+        let (a, b) = (T::of(a), T::of(b));
+        let (sine, cosine) = a.sine_cosine();
+        assert!((sine * sine + cosine * cosine - T::one()).as_f64().abs() <= 4.0 * epsilon);
+        assert!((sine.as_f64() - a.as_f64().sin()).abs() <= 2.0 * epsilon);
+        assert!((cosine.as_f64() - a.as_f64().cos()).abs() <= 2.0 * epsilon);
+        assert!((a.arc_tangent(b).as_f64() - a.as_f64().atan2(b.as_f64())).abs() <= 4.0 * epsilon);
+        let root = (a * a).root();
+        assert!((root - a.abs()).as_f64().abs() <= 2.0 * epsilon * a.as_f64().abs());
+        assert_eq!(T::of(a.as_f64()), a);
+        assert!(a.is_usable());
+    }
+
+    proptest! {
+        #[test]
+        fn both_scalars_obey_the_identities(a in -50.0f64..50.0, b in -50.0f64..50.0) {
+            obeys_its_identities::<f32>(a, b);
+            obeys_its_identities::<f64>(a, b);
+        }
+
+        #[test]
+        fn conversions_are_exact_or_rounded(value in any::<f64>(), single in any::<f32>()) {
+            prop_assert_eq!(f64::of(value).to_bits(), value.to_bits());
+            prop_assert_eq!(value.as_f32().to_bits(), (value as f32).to_bits());
+            prop_assert_eq!(f32::of(single.as_f64()).to_bits(), single.to_bits());
+        }
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_not_usable() {
+        assert!(!f64::NAN.is_usable() && !f64::INFINITY.is_usable() && !f32::NEG_INFINITY.is_usable());
+        assert!(f64::MAX.is_usable() && f32::MIN_POSITIVE.is_usable());
+        assert!((-1.0_f64).root().is_nan() && (-1.0_f32).root().is_nan());
+        assert!(!f32::of(1e300).is_usable());
+    }
+
+    #[test]
+    fn arc_tangent_knows_its_quadrant() {
+        let half = core::f64::consts::PI;
+        assert_eq!(
+            [(0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0)].map(|(y, x): (f64, f64)| y.arc_tangent(x)),
+            [0.0, half / 2.0, half, -half / 2.0]
+        );
+    }
+}

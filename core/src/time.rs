@@ -100,3 +100,53 @@ impl fmt::Display for Span {
         write!(f, "{} us", self.0 / 1_000)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::string::ToString;
+
+    proptest! {
+        #[test]
+        fn differences_are_exact(a in any::<i32>(), b in any::<i32>()) {
+            // Nanoseconds since 1970, as recordings carry them: no double holds these to the nanosecond.
+            let epoch = 1_403_715_273_262_142_976_i64;
+            let (earlier, later) = (Timestamp::from_nanos(epoch + i64::from(a)), Timestamp::from_nanos(epoch + i64::from(b)));
+            let span = later - earlier;
+            prop_assert_eq!(span.as_nanos(), i64::from(b) - i64::from(a));
+            prop_assert_eq!(earlier + span, later);
+            prop_assert_eq!(later - span, earlier);
+            prop_assert_eq!(earlier - later, -span);
+            prop_assert_eq!(span + -span, Span::default());
+            prop_assert_eq!(earlier < later, a < b);
+        }
+
+        #[test]
+        fn nothing_overflows(a in any::<i64>(), b in any::<i64>()) {
+            let (instant, span) = (Timestamp::from_nanos(a), Span::from_nanos(b));
+            prop_assert_eq!((instant + span).as_nanos(), a.saturating_add(b));
+            prop_assert_eq!((instant - span).as_nanos(), a.saturating_sub(b));
+            prop_assert_eq!((instant - Timestamp::from_nanos(b)).as_nanos(), a.saturating_sub(b));
+            prop_assert!(Span::from_millis(b).as_seconds::<f64>().is_finite());
+        }
+
+        #[test]
+        fn seconds_keep_the_precision_of_their_scalar(nanos in -10_000_000_000_i64..10_000_000_000) {
+            let span = Span::from_nanos(nanos);
+            let expected = nanos as f64 / 1e9;
+            // Three roundings to half a unit in the last place: 1e-9, the product, and the quotient above.
+            prop_assert!((span.as_seconds::<f64>() - expected).abs() <= 1.5 * f64::EPSILON * expected.abs());
+            prop_assert!((f64::from(span.as_seconds::<f32>()) - expected).abs() <= 0.5001 * f64::from(f32::EPSILON) * expected.abs());
+        }
+    }
+
+    #[test]
+    fn units() {
+        assert_eq!(Span::from_millis(5).as_nanos(), 5_000_000);
+        assert_eq!(Span::from_millis(5).as_seconds::<f64>(), 0.005);
+        assert_eq!(Timestamp::from_nanos(12).to_string(), "12 ns");
+        assert_eq!(Span::from_millis(-5).to_string(), "-5000 us");
+        assert_eq!((-Span::from_nanos(i64::MIN)).as_nanos(), i64::MAX);
+    }
+}

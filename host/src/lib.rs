@@ -1,5 +1,9 @@
 //! Everything of libella with a file, a thread or a model in it.
 
-pub mod dataset;
-pub mod eval;
-pub mod sim;
+pub mod calibration; // sensor.yaml -> cameras, extrinsics and noise in SI units
+pub mod config; // every number that may be tuned, as one file
+pub mod dataset; // folders -> one time-ordered stream of events
+pub mod eval; // trajectories against truth
+pub mod fault; // what went wrong, where, and what to do
+pub mod pipeline; // events -> estimator -> poses, timings, files
+pub mod sim; // worlds with known truth

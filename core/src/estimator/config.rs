@@ -6,16 +6,96 @@ use crate::real::Real;
 /// Configuration of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EstimatorConfig<T: Real> {
-    /// Noise densities of the inertial measurement unit.
+    /// Noise densities of the inertial measurement unit, from its datasheet or an Allan plot.
     pub imu_noise: ImuNoise<T>,
+    /// Factor on the white noise densities: what the datasheet leaves out (vibration, scale errors, sampling jitter).
+    pub imu_noise_inflation: T,
+    /// Factor on the random walks of the biases.
+    pub imu_walk_inflation: T,
     /// Magnitude of gravity, m/s².
     pub gravity_m_s2: T,
     /// Standard deviation of a corner's position, px.
     pub sigma_px: T,
+    /// Where the Huber cost of an observation turns linear, in standard deviations.
+    pub huber: T,
+    /// Squared whitened residual over which an observation is taken out after solving (χ² of 2 degrees of freedom).
+    pub outlier_chi2: T,
+    /// A frame becomes a keyframe when its corners have moved this far since the last one, rotation apart, px.
+    pub keyframe_parallax_px: T,
+    /// Or when less than this share of its corners was seen by the last one.
+    pub keyframe_shared_ratio: T,
+    /// Or after this time with at least a quarter of that parallax, s.
+    pub keyframe_interval_s: T,
+    /// A landmark takes part in the solution when its inverse depth is known to one part in this.
+    pub depth_significance: T,
+    /// Standard deviation of the velocity of a body found at rest, m/s.
+    pub rest_sigma_m_s: T,
+    /// Corners that have to be seen for a pose to count as tracked; below, it coasts.
+    pub least_tracked: usize,
+    /// Longest time without vision before tracking is lost, s.
+    pub longest_coast_s: T,
+    /// Shortest stretch of motion for initialisation, s.
+    pub shortest_initialisation_s: T,
+    /// Time between the frames that the moving start uses, s.
+    pub initialisation_spacing_s: T,
+    /// Largest relative standard deviation of the scale that the moving start accepts.
+    pub initialisation_scale_sigma: T,
+    /// Standard deviations of the first state: tilt (rad), velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s²).
+    pub first_sigma: FirstSigma<T>,
+}
+
+/// Uncertainty of the first state.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FirstSigma<T> {
+    /// Angle between the estimated and the true vertical, rad.
+    pub tilt_rad: T,
+    /// Velocity, m/s.
+    pub velocity_m_s: T,
+    /// Bias of the angular rate, rad/s.
+    pub gyro_bias_rad_s: T,
+    /// Bias of the specific force, m/s².
+    pub accel_bias_m_s2: T,
 }
 
 impl<T: Real> Default for EstimatorConfig<T> {
     fn default() -> Self {
-        Self { imu_noise: ImuNoise::adis16448(), gravity_m_s2: T::of(9.81), sigma_px: T::of(1.0) }
+        Self {
+            imu_noise: ImuNoise::adis16448(),
+            imu_noise_inflation: T::of(2.0),
+            imu_walk_inflation: T::of(2.0),
+            gravity_m_s2: T::of(9.81),
+            sigma_px: T::of(1.0),
+            huber: T::of(1.5),
+            outlier_chi2: T::of(9.21),
+            keyframe_parallax_px: T::of(12.0),
+            keyframe_shared_ratio: T::of(0.6),
+            keyframe_interval_s: T::of(1.0),
+            depth_significance: T::of(4.0),
+            rest_sigma_m_s: T::of(0.02),
+            least_tracked: 8,
+            longest_coast_s: T::of(5.0),
+            shortest_initialisation_s: T::of(1.2),
+            initialisation_spacing_s: T::of(0.18),
+            initialisation_scale_sigma: T::of(0.15),
+            first_sigma: FirstSigma {
+                tilt_rad: T::of(0.1),
+                velocity_m_s: T::of(0.5),
+                gyro_bias_rad_s: T::of(0.05),
+                accel_bias_m_s2: T::of(0.15),
+            },
+        }
+    }
+}
+
+impl<T: Real> EstimatorConfig<T> {
+    /// The noise model with its inflation.
+    #[must_use]
+    pub fn inflated_noise(&self) -> ImuNoise<T> {
+        ImuNoise {
+            gyro_noise_density: self.imu_noise.gyro_noise_density * self.imu_noise_inflation,
+            accel_noise_density: self.imu_noise.accel_noise_density * self.imu_noise_inflation,
+            gyro_random_walk: self.imu_noise.gyro_random_walk * self.imu_walk_inflation,
+            accel_random_walk: self.imu_noise.accel_random_walk * self.imu_walk_inflation,
+        }
     }
 }

@@ -1,81 +1,155 @@
 //! The one place that knows the order of events.
 
 mod config;
+mod inertial;
+mod input;
 mod output;
+mod running;
+mod sliding;
+mod starting;
 
-pub use config::EstimatorConfig;
-pub use output::{FrameOutcome, Health, InputError, StateEstimate, StepBudget, Waiting};
+pub use config::{EstimatorConfig, FirstSigma};
+pub use output::{FrameOutcome, Health, InputError, StateEstimate, StepBudget, StepReport, Waiting};
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, SMatrix, Vector3};
 
-use crate::camera::CameraModel;
-use crate::image::{ImageView, PyramidPair};
-use crate::imu::ImuSample;
+use self::inertial::InertialHistory;
+use crate::camera::{Camera, CameraModel};
+use crate::factor::prior::Prior;
+use crate::factor::reprojection::CameraMount;
+use crate::imu::ImuNoise;
+use crate::init::InitLandmark;
 use crate::real::Real;
+use crate::robust::kernel::Kernel;
+use crate::solve::{MarginalizationWorkspace, Settings, Workspace};
 use crate::time::Timestamp;
-use crate::track::Observation;
+use crate::track::{FrontEnd, FrontEndConfig};
+use crate::window::Window;
+
+/// Corners to follow at a time.
+const TARGET_TRACKS: usize = 200;
 
 /// Monocular visual-inertial odometry over a sliding window of `FRAMES` frames and at most `POINTS` landmarks;
-/// `PAIRS = FRAMES (FRAMES + 1) / 2` blocks of the normal equations, `SAMPLES` pending inertial samples.
+/// `PAIRS = FRAMES (FRAMES + 1) / 2` blocks of the normal equations, `SAMPLES` inertial samples.
+///
+/// Push samples and images in the order of time, inertial samples past the image first; call [`Self::step`] after
+/// every image; read [`Self::state`].
+#[derive(Debug)]
 pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize> {
     config: EstimatorConfig<T>,
     camera: CameraModel<T>,
-    body_from_camera: Isometry3<T>,
+    noise: ImuNoise<T>,
+    settings: Settings<T>,
+    inertial: InertialHistory<T, SAMPLES>,
+    window: Window<T, FRAMES, POINTS>,
+    prior: Prior<T, FRAMES, PAIRS>,
+    workspace: Workspace<T, FRAMES, PAIRS>,
+    marginalization: MarginalizationWorkspace<T, FRAMES, PAIRS>,
+    health: Health,
+    pose_covariance: SMatrix<T, 6, 6>,
+    /// A frame was pushed and not yet worked on.
+    pending: bool,
+    /// The newest frame saw so little that its pose rests on inertial samples.
+    blind_since: Option<Timestamp>,
+    /// Mean displacement of the corners since the frame before, px; how still the image is.
+    image_motion_px: T,
+    /// Sum and count behind it while a frame is being filled.
+    image_motion: (T, T),
+    report: StepReport<T>,
+    /// Corners of the images that were pushed.
+    front_end: FrontEnd<POINTS>,
+    last_image: Option<Timestamp>,
+    init_landmarks: [InitLandmark<T>; POINTS],
 }
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>
     Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES>
 {
-    /// An estimator that waits for its first data.
+    /// An estimator that waits for its first data. `body_from_camera` is the pose of the camera in the body (IMU) frame.
     #[must_use]
     pub fn new(config: EstimatorConfig<T>, camera: CameraModel<T>, body_from_camera: Isometry3<T>) -> Self {
-        Self { config, camera, body_from_camera }
-    }
-
-    /// Stores one inertial sample.
-    ///
-    /// # Errors
-    /// When the sample is not finite, not newer than the last, or no room is left; nothing changes then.
-    pub fn push_imu(&mut self, _sample: ImuSample<T>) -> Result<(), InputError> {
-        Ok(())
-    }
-
-    /// Follows the corners into a new image. The pixels are read during the call only.
-    ///
-    /// # Errors
-    /// When the image does not fit the camera or is not newer than the last one; nothing changes then.
-    pub fn push_image<const BYTES: usize>(
-        &mut self,
-        _stamp: Timestamp,
-        _image: &ImageView<'_>,
-        _pyramids: &mut PyramidPair<BYTES>,
-    ) -> Result<(), InputError> {
-        Ok(())
-    }
-
-    /// Takes the corners of a new image from a front end of the caller's own.
-    ///
-    /// # Errors
-    /// When the image is not newer than the last one; nothing changes then.
-    pub fn push_tracks(&mut self, _stamp: Timestamp, _observations: &[Observation<T>]) -> Result<(), InputError> {
-        Ok(())
+        Self {
+            config,
+            camera,
+            noise: config.inflated_noise(),
+            settings: Settings {
+                gravity_in_world: Vector3::new(T::ZERO, T::ZERO, -config.gravity_m_s2),
+                body_from_camera,
+                mount: CameraMount::new(&body_from_camera),
+                kernel: Kernel::huber(config.huber * config.huber),
+                rest_sigma_m_s: config.rest_sigma_m_s,
+                behind_camera_cost: T::of(100.0),
+            },
+            inertial: InertialHistory::default(),
+            window: Window::default(),
+            prior: Prior::default(),
+            workspace: Workspace::default(),
+            marginalization: MarginalizationWorkspace::default(),
+            health: Health::Initialising(Waiting::Imu),
+            pose_covariance: SMatrix::zeros(),
+            pending: false,
+            blind_since: None,
+            image_motion_px: T::ZERO,
+            image_motion: (T::ZERO, T::ZERO),
+            report: StepReport::default(),
+            front_end: FrontEnd::new(front_end_config(&camera)),
+            last_image: None,
+            init_landmarks: [InitLandmark::default(); POINTS],
+        }
     }
 
     /// Works on the frame that was pushed last: initialises, or solves and slides the window.
-    pub fn step(&mut self, _budget: StepBudget) -> FrameOutcome {
-        FrameOutcome::NoFrame
+    pub fn step(&mut self, budget: StepBudget) -> FrameOutcome {
+        if !self.pending {
+            return FrameOutcome::NoFrame;
+        }
+        self.pending = false;
+        self.report = StepReport::default();
+        match self.health {
+            Health::Initialising(_) | Health::Lost => self.step_starting(budget),
+            Health::Tracking | Health::Degraded => self.step_running(budget),
+        }
     }
 
     /// The newest state, once initialised.
     #[must_use]
     pub fn state(&self) -> Option<StateEstimate<T>> {
-        let _ = (&self.config, &self.camera, &self.body_from_camera);
-        None
+        if !matches!(self.health, Health::Tracking | Health::Degraded) {
+            return None;
+        }
+        let newest = self.window.frames.last()?;
+        Some(StateEstimate { stamp: newest.stamp, state: newest.state, pose_covariance: self.pose_covariance })
     }
 
     /// How it goes.
     #[must_use]
     pub fn health(&self) -> Health {
-        Health::Initialising(Waiting::Imu)
+        self.health
     }
+
+    /// What the last step did.
+    #[must_use]
+    pub fn report(&self) -> &StepReport<T> {
+        &self.report
+    }
+
+    /// The frames and landmarks being estimated, for showing.
+    #[must_use]
+    pub fn window(&self) -> &Window<T, FRAMES, POINTS> {
+        &self.window
+    }
+
+    /// Forgets every frame and landmark and initialises anew with the next data.
+    pub fn reset(&mut self) {
+        self.window.clear();
+        self.prior.clear();
+        self.pending = false;
+        self.blind_since = None;
+        self.health = Health::Initialising(Waiting::Tracks);
+    }
+}
+
+fn front_end_config<T: Real>(camera: &CameraModel<T>) -> FrontEndConfig {
+    let (width, height) = camera.size_px();
+    FrontEndConfig::for_image(width as usize, height as usize, TARGET_TRACKS)
 }

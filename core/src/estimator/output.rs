@@ -5,7 +5,9 @@ use core::fmt;
 use nalgebra::SMatrix;
 
 use crate::imu::NavState;
+use crate::init::InitError;
 use crate::real::Real;
+use crate::solve::SolveReport;
 use crate::time::{Span, Timestamp};
 
 /// What initialisation is waiting for.
@@ -86,6 +88,28 @@ pub struct StateEstimate<T: Real> {
     pub pose_covariance: SMatrix<T, 6, 6>,
 }
 
+/// What one step did, for reports and tuning.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepReport<T: Real> {
+    /// The solver's own report.
+    pub solver: SolveReport<T>,
+    /// Landmarks with a depth that the newest frame sees.
+    pub tracked: usize,
+    /// Observations taken out as outliers.
+    pub outliers: usize,
+    /// Whether a keyframe was marginalised.
+    pub marginalized: bool,
+    /// Why the moving start refused, where it did.
+    pub init_error: Option<InitError<T>>,
+}
+
+impl<T: Real> Default for StepReport<T> {
+    fn default() -> Self {
+        let solver = SolveReport { initial_cost: T::ZERO, final_cost: T::ZERO, iterations: 0, accepted: 0 };
+        Self { solver, tracked: 0, outliers: 0, marginalized: false, init_error: None }
+    }
+}
+
 /// Why an input was refused. Nothing changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
@@ -101,6 +125,13 @@ pub enum InputError {
         /// Width and height of the calibrated camera, px.
         expected: (usize, usize),
     },
+    /// Inertial samples do not reach this image: push samples past it first.
+    MissingImu(Timestamp),
+    /// The caller's pyramid memory does not hold the image; its size per image is given.
+    PyramidTooSmall {
+        /// Bytes per image that were lent.
+        bytes: usize,
+    },
     /// More samples between two images than there is room for.
     Full,
 }
@@ -113,6 +144,8 @@ impl fmt::Display for InputError {
             Self::WrongImageSize { given, expected } => {
                 write!(f, "image is {}x{} where the camera is calibrated for {}x{}", given.0, given.1, expected.0, expected.1)
             }
+            Self::MissingImu(stamp) => write!(f, "inertial samples do not reach the image at {stamp}: push samples past it first"),
+            Self::PyramidTooSmall { bytes } => write!(f, "pyramid memory of {bytes} bytes an image is too small for this image"),
             Self::Full => write!(f, "no room for more inertial samples before the next image"),
         }
     }

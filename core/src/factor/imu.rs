@@ -54,12 +54,7 @@ fn gains<T: Real>(
 
 /// The residual `[r_φ r_p r_v r_g r_a]`, 15×1, not whitened.
 #[must_use]
-pub fn residual<T: Real>(
-    pre: &Preintegration<T>,
-    gravity_in_world: &Vector3<T>,
-    from: &NavState<T>,
-    to: &NavState<T>,
-) -> SVector<T, 15> {
+pub fn residual<T: Real>(pre: &Preintegration<T>, gravity_in_world: &Vector3<T>, from: &NavState<T>, to: &NavState<T>) -> SVector<T, 15> {
     let (rotation, velocity, position) = pre.corrected(&from.bias);
     let (travelled, gained) = gains(pre, gravity_in_world, from, to);
     let parts = [
@@ -112,20 +107,17 @@ pub fn linearize<T: Real>(
     d_to.fixed_columns_mut::<3>(12).copy_from(&accel.0);
 
     let mut d_from = SMatrix::<T, 15, 15>::zeros();
-    d_from.fixed_columns_mut::<3>(0).copy_from(
-        &(phi.times(&phi_by_from) + position.times(&so3::hat(&travelled)) + velocity.times(&so3::hat(&gained))),
-    );
+    d_from
+        .fixed_columns_mut::<3>(0)
+        .copy_from(&(phi.times(&phi_by_from) + position.times(&so3::hat(&travelled)) + velocity.times(&so3::hat(&gained))));
     d_from.fixed_columns_mut::<3>(3).copy_from(&-by_position);
     d_from.fixed_columns_mut::<3>(6).copy_from(&(by_position * -pre.span_s() - by_velocity));
-    d_from.fixed_columns_mut::<3>(9).copy_from(
-        &(phi.times(&phi_by_gyro)
-            - position.times(pre.d_position_d_gyro())
-            - velocity.times(pre.d_velocity_d_gyro())
-            - gyro.0),
-    );
-    d_from.fixed_columns_mut::<3>(12).copy_from(
-        &-(position.times(pre.d_position_d_accel()) + velocity.times(pre.d_velocity_d_accel()) + accel.0),
-    );
+    d_from
+        .fixed_columns_mut::<3>(9)
+        .copy_from(&(phi.times(&phi_by_gyro) - position.times(pre.d_position_d_gyro()) - velocity.times(pre.d_velocity_d_gyro()) - gyro.0));
+    d_from
+        .fixed_columns_mut::<3>(12)
+        .copy_from(&-(position.times(pre.d_position_d_accel()) + velocity.times(pre.d_velocity_d_accel()) + accel.0));
 
     ImuLinearization {
         residual: sqrt_information * residual(pre, gravity_in_world, from, to),
@@ -148,9 +140,8 @@ impl<T: Real> Columns<T> {
         let mut product = SMatrix::<T, 15, 3>::zeros();
         for row in self.1..15 {
             for column in 0..3 {
-                product[(row, column)] = self.0[(row, 0)] * right[(0, column)]
-                    + self.0[(row, 1)] * right[(1, column)]
-                    + self.0[(row, 2)] * right[(2, column)];
+                product[(row, column)] =
+                    self.0[(row, 0)] * right[(0, column)] + self.0[(row, 1)] * right[(1, column)] + self.0[(row, 2)] * right[(2, column)];
             }
         }
         product

@@ -3,5 +3,5 @@
 mod pyramid;
 mod view;
 
-pub use pyramid::PyramidPair;
+pub use pyramid::{Level, MAX_LEVELS, MIN_LEVEL_PX, PyramidError, PyramidPair, pyramid_bytes};
 pub use view::{ImageView, ImageViewError};

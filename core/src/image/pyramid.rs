@@ -1,19 +1,290 @@
 //! Halved images.
+//!
+//! # Model
+//! Level 0 is a copy of the caller's image, every further level the mean of 2×2 pixels of the one below, rounded to the
+//! nearest grey level. The centre of pixel 0 of every level is at coordinate 0 of that level, hence
+//! ```text
+//! x₀ + ½ = 2ˡ (xₗ + ½)
+//! ```
+//! A level of odd width or height drops the last column or row of the level below.
+
+use core::fmt;
+
+use super::ImageView;
+
+/// Most levels of a pyramid, level 0 included.
+pub const MAX_LEVELS: usize = 5;
+
+/// A level narrower or lower than this (px) tells a tracker nothing and is left out.
+pub const MIN_LEVEL_PX: usize = 24;
+
+/// Why an image has no pyramid. The pyramids are unchanged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum PyramidError {
+    /// Level 0 alone is larger than the buffer.
+    TooLarge {
+        /// Bytes that level 0 needs.
+        needed: usize,
+        /// Bytes per image.
+        available: usize,
+    },
+}
+
+impl fmt::Display for PyramidError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooLarge { needed, available } => write!(f, "image of {needed} pixels in a pyramid buffer of {available} bytes"),
+        }
+    }
+}
+
+impl core::error::Error for PyramidError {}
+
+/// Bytes per image of a pyramid of `levels` levels (level 0 included): the `BYTES` of [`PyramidPair`].
+#[must_use]
+pub const fn pyramid_bytes(width: usize, height: usize, levels: usize) -> usize {
+    let (mut width, mut height, mut sum, mut level) = (width, height, 0, 0);
+    while level < levels && level < MAX_LEVELS {
+        sum += width * height;
+        width /= 2;
+        height /= 2;
+        level += 1;
+    }
+    sum
+}
+
+/// One level of a pyramid: `width × height` pixels without gaps between the rows.
+#[derive(Debug, Clone, Copy)]
+pub struct Level<'a> {
+    pixels: &'a [u8],
+    width: usize,
+    height: usize,
+}
+
+impl<'a> Level<'a> {
+    /// All pixels, row by row; the stride is the width.
+    #[inline]
+    #[must_use]
+    pub fn pixels(&self) -> &'a [u8] {
+        self.pixels
+    }
+
+    /// Width, px.
+    #[inline]
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height, px.
+    #[inline]
+    #[must_use]
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// The pixels of row `y`; empty outside the level.
+    #[inline]
+    #[must_use]
+    pub fn row(&self, y: usize) -> &'a [u8] {
+        let start = y.saturating_mul(self.width);
+        self.pixels.get(start..start.saturating_add(self.width)).unwrap_or(&[])
+    }
+}
+
+/// Where a level lies in its buffer.
+#[derive(Debug, Clone, Copy)]
+struct Extent {
+    start: usize,
+    width: usize,
+    height: usize,
+}
+
+impl Extent {
+    const EMPTY: Self = Self { start: 0, width: 0, height: 0 };
+
+    const fn area(&self) -> usize {
+        self.width * self.height
+    }
+}
+
+/// The levels of one image.
+#[derive(Debug, Clone)]
+struct Pyramid<const BYTES: usize> {
+    pixels: [u8; BYTES],
+    extents: [Extent; MAX_LEVELS],
+    levels: usize,
+}
+
+impl<const BYTES: usize> Pyramid<BYTES> {
+    const EMPTY: Self = Self { pixels: [0; BYTES], extents: [Extent::EMPTY; MAX_LEVELS], levels: 0 };
+
+    fn level(&self, level: usize) -> Option<Level<'_>> {
+        let extent = self.extents.get(..self.levels)?.get(level)?;
+        let pixels = self.pixels.get(extent.start..extent.start + extent.area())?;
+        Some(Level { pixels, width: extent.width, height: extent.height })
+    }
+
+    fn fill(&mut self, image: &ImageView<'_>, max_levels: usize) {
+        let (width, height) = (image.width(), image.height());
+        for (y, row) in self.pixels.chunks_exact_mut(width).take(height).enumerate() {
+            row.copy_from_slice(image.row(y));
+        }
+        self.extents[0] = Extent { start: 0, width, height };
+        self.levels = 1;
+        for next in 1..max_levels.min(MAX_LEVELS) {
+            let below = self.extents[next - 1];
+            let start = below.start + below.area();
+            let extent = Extent { start, width: below.width / 2, height: below.height / 2 };
+            if extent.width < MIN_LEVEL_PX || extent.height < MIN_LEVEL_PX || start + extent.area() > BYTES {
+                break;
+            }
+            let (source, target) = self.pixels.split_at_mut(start);
+            let source = &source[below.start..];
+            for (row, pair) in target.chunks_exact_mut(extent.width).take(extent.height).zip(source.chunks_exact(2 * below.width)) {
+                let (upper, lower) = pair.split_at(below.width);
+                halve_rows(upper, lower, row);
+            }
+            self.extents[next] = extent;
+            self.levels = next + 1;
+        }
+    }
+}
+
+/// `out[x]` = rounded mean of the 2×2 block at `2x`.
+#[inline]
+fn halve_rows(upper: &[u8], lower: &[u8], out: &mut [u8]) {
+    for ((out, upper), lower) in out.iter_mut().zip(upper.chunks_exact(2)).zip(lower.chunks_exact(2)) {
+        // Two pixels as one 16-bit lane: a shift and a mask part them without a shuffle.
+        let (upper, lower) = (u16::from_le_bytes([upper[0], upper[1]]), u16::from_le_bytes([lower[0], lower[1]]));
+        let sum = (upper & 0xff) + (upper >> 8) + (lower & 0xff) + (lower >> 8);
+        *out = ((sum + 2) >> 2) as u8;
+    }
+}
 
 /// The pyramids of the previous and the current image, `BYTES` each, owned by the caller.
+///
+/// [`pyramid_bytes`] tells the `BYTES` of an image size; a smaller buffer means fewer levels.
+#[derive(Debug, Clone)]
 pub struct PyramidPair<const BYTES: usize> {
-    levels: [[u8; BYTES]; 2],
+    pyramids: [Pyramid<BYTES>; 2],
+    current: usize,
 }
 
 impl<const BYTES: usize> Default for PyramidPair<BYTES> {
     fn default() -> Self {
-        Self { levels: [[0; BYTES]; 2] }
+        Self::new()
     }
 }
+
 impl<const BYTES: usize> PyramidPair<BYTES> {
+    /// Two empty pyramids; fit for a `static`.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { pyramids: [Pyramid::EMPTY, Pyramid::EMPTY], current: 0 }
+    }
+
     /// Bytes per image.
     #[must_use]
-    pub fn bytes(&self) -> usize {
-        self.levels[0].len()
+    pub const fn bytes(&self) -> usize {
+        BYTES
+    }
+
+    /// Makes the current image the previous one (without copying) and `image` the current one, with at most `max_levels` levels.
+    ///
+    /// # Errors
+    /// When level 0 does not fit; nothing has changed then.
+    pub fn push(&mut self, image: &ImageView<'_>, max_levels: usize) -> Result<(), PyramidError> {
+        let needed = image.width().saturating_mul(image.height());
+        if needed > BYTES {
+            return Err(PyramidError::TooLarge { needed, available: BYTES });
+        }
+        self.current = 1 - self.current;
+        self.pyramids[self.current].fill(image, max_levels);
+        Ok(())
+    }
+
+    /// Forgets both images.
+    pub fn clear(&mut self) {
+        for pyramid in &mut self.pyramids {
+            pyramid.levels = 0;
+        }
+    }
+
+    /// A level of the current image, `None` beyond the last.
+    #[must_use]
+    pub fn current(&self, level: usize) -> Option<Level<'_>> {
+        self.pyramids[self.current].level(level)
+    }
+
+    /// A level of the previous image, `None` beyond the last.
+    #[must_use]
+    pub fn previous(&self, level: usize) -> Option<Level<'_>> {
+        self.pyramids[1 - self.current].level(level)
+    }
+
+    /// Levels that both images have; zero when there is no previous image or its size was another.
+    #[must_use]
+    pub fn common_levels(&self) -> usize {
+        let [a, b] = &self.pyramids;
+        let same_size = a.extents[0].width == b.extents[0].width && a.extents[0].height == b.extents[0].height;
+        if same_size { a.levels.min(b.levels) } else { 0 }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use std::boxed::Box;
+    use std::vec::Vec;
+
+    #[test]
+    fn bytes_are_the_sum_of_the_levels() {
+        assert_eq!(pyramid_bytes(752, 480, 1), 752 * 480);
+        assert_eq!(pyramid_bytes(752, 480, 4), 752 * 480 + 376 * 240 + 188 * 120 + 94 * 60);
+        assert_eq!(pyramid_bytes(161, 121, 2), 161 * 121 + 80 * 60);
+    }
+
+    #[test]
+    fn a_level_is_the_rounded_mean_of_four() {
+        const BYTES: usize = pyramid_bytes(101, 67, 2);
+        let pixels: Vec<u8> = (0..120 * 67_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        let view = ImageView::new(&pixels, 101, 67, 120).unwrap();
+        let mut pair = Box::new(PyramidPair::<BYTES>::new());
+        pair.push(&view, MAX_LEVELS).unwrap();
+        let (level, half) = (pair.current(0).unwrap(), pair.current(1).unwrap());
+        assert_eq!((half.width(), half.height()), (50, 33));
+        assert!(pair.current(2).is_none(), "the buffer holds two levels");
+        for y in 0..67 {
+            assert_eq!(level.row(y), &pixels[y * 120..y * 120 + 101]);
+        }
+        for y in 0..33 {
+            for x in 0..50 {
+                let sum: u32 = [(0, 0), (1, 0), (0, 1), (1, 1)].iter().map(|&(i, j)| u32::from(level.row(2 * y + j)[2 * x + i])).sum();
+                assert_eq!(u32::from(half.row(y)[x]), (sum + 2) / 4);
+            }
+        }
+    }
+
+    #[test]
+    fn pushing_swaps_and_refusing_changes_nothing() {
+        let (a, b) = ([7_u8; 30 * 30], [9_u8; 30 * 30]);
+        let mut pair = PyramidPair::<900>::new();
+        assert_eq!(pair.common_levels(), 0);
+        pair.push(&ImageView::new(&a, 30, 30, 30).unwrap(), 3).unwrap();
+        assert_eq!(pair.common_levels(), 0);
+        pair.push(&ImageView::new(&b, 30, 30, 30).unwrap(), 3).unwrap();
+        assert_eq!(pair.common_levels(), 1);
+        assert_eq!((pair.previous(0).unwrap().row(3)[3], pair.current(0).unwrap().row(3)[3]), (7, 9));
+        let large = [0_u8; 31 * 30];
+        assert_eq!(
+            pair.push(&ImageView::new(&large, 31, 30, 31).unwrap(), 3),
+            Err(PyramidError::TooLarge { needed: 930, available: 900 })
+        );
+        assert_eq!((pair.previous(0).unwrap().row(3)[3], pair.current(0).unwrap().row(3)[3]), (7, 9));
+        pair.push(&ImageView::new(&a, 25, 30, 30).unwrap(), 3).unwrap();
+        assert_eq!(pair.common_levels(), 0, "another size has nothing in common");
     }
 }

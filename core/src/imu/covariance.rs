@@ -183,9 +183,7 @@ fn left_cross<T: Real>(u: &Vector3<T>, m: &Matrix3<T>) -> Matrix3<T> {
 #[inline(always)]
 fn right_cross<T: Real>(m: &Matrix3<T>, u: &Vector3<T>) -> Matrix3<T> {
     let [c0, c1, c2] = m.data.0;
-    let mix = |p: &[T; 3], by: T, q: &[T; 3], less: T| {
-        [p[0] * by - q[0] * less, p[1] * by - q[1] * less, p[2] * by - q[2] * less]
-    };
+    let mix = |p: &[T; 3], by: T, q: &[T; 3], less: T| [p[0] * by - q[0] * less, p[1] * by - q[1] * less, p[2] * by - q[2] * less];
     matrix([mix(&c1, u.z, &c2, u.y), mix(&c2, u.x, &c0, u.z), mix(&c0, u.y, &c1, u.x)])
 }
 

@@ -36,15 +36,14 @@ impl<T: Real> Interval<T> {
         // With x = |φ|/4 < 0.1 the first terms left out are x¹⁰/10! and x¹⁰/11!, < 3e-17.
         let x = angle_squared * T::of(1.0 / 16.0);
         let one = T::one();
-        let sine = one
-            - x * (T::of(1.0 / 6.0) - x * (T::of(1.0 / 120.0) - x * (T::of(1.0 / 5040.0) - x * T::of(1.0 / 362_880.0))));
-        let cosine =
-            one - x * (T::of(0.5) - x * (T::of(1.0 / 24.0) - x * (T::of(1.0 / 720.0) - x * T::of(1.0 / 40320.0))));
+        let sine = one - x * (T::of(1.0 / 6.0) - x * (T::of(1.0 / 120.0) - x * (T::of(1.0 / 5040.0) - x * T::of(1.0 / 362_880.0))));
+        let cosine = one - x * (T::of(0.5) - x * (T::of(1.0 / 24.0) - x * (T::of(1.0 / 720.0) - x * T::of(1.0 / 40320.0))));
         let scale = sine * T::of(0.25);
         Self {
             half: UnitQuaternion::new_unchecked(Quaternion::new(cosine, phi.x * scale, phi.y * scale, phi.z * scale)),
             s: T::of(1.0 / 24.0) - angle_squared * (T::of(1.0 / 1920.0) - angle_squared * T::of(1.0 / 322_560.0)),
-            a: T::of(0.25) - angle_squared * (T::of(1.0 / 192.0) - angle_squared * T::of(1.0 / 23_040.0)),
+            a: T::of(0.25)
+                - angle_squared * (T::of(1.0 / 192.0) - angle_squared * (T::of(1.0 / 23_040.0) - angle_squared * T::of(1.0 / 5_160_960.0))),
             b: T::of(1.0 / 24.0) - angle_squared * (T::of(1.0 / 1920.0) - angle_squared * T::of(1.0 / 322_560.0)),
         }
     }
@@ -67,11 +66,7 @@ impl<T: Real> Interval<T> {
         // M [φ]ײ = M φ φᵀ − ‖φ‖² M,   M [φ]× = [M φ]× M
         let turned = mid * phi;
         let square = turned * phi.transpose() - mid * phi.norm_squared();
-        let single = Matrix3::from_columns(&[
-            turned.cross(&mid.column(0)),
-            turned.cross(&mid.column(1)),
-            turned.cross(&mid.column(2)),
-        ]);
+        let single = Matrix3::from_columns(&[turned.cross(&mid.column(0)), turned.cross(&mid.column(1)), turned.cross(&mid.column(2))]);
         (mid + square * self.s, mid - single * self.a + square * self.b)
     }
 }

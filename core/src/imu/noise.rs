@@ -28,3 +28,18 @@ impl<T: Real> ImuNoise<T> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn datasheet_values_are_positive_and_the_same_in_both_scalars() {
+        let (wide, narrow) = (ImuNoise::<f64>::adis16448(), ImuNoise::<f32>::adis16448());
+        let wide = [wide.gyro_noise_density, wide.accel_noise_density, wide.gyro_random_walk, wide.accel_random_walk];
+        let narrow = [narrow.gyro_noise_density, narrow.accel_noise_density, narrow.gyro_random_walk, narrow.accel_random_walk];
+        for (w, n) in wide.into_iter().zip(narrow) {
+            assert!(w > 0.0 && (f64::from(n) / w - 1.0).abs() < 1e-7);
+        }
+    }
+}

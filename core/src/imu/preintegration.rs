@@ -10,7 +10,7 @@
 //! ```text
 //! M = ΔR Exp(ω Δt/2)    ΔR ← ΔR Exp(ω Δt)    Δp ← Δp + Δv Δt + M a Δt²/2    Δv ← Δv + M a Δt
 //! ```
-//! Errors and bias Jacobians live in the start frame (rotation on the LEFT of ΔR) while integrating, see [`super::covariance`]; the public
+//! Errors and bias Jacobians live in the start frame (rotation on the LEFT of ΔR) while integrating (`covariance.rs` says why); the public
 //! face is the perturbation used everywhere, on the right: `φ = ΔRᵀ θ`.
 //!
 //! # Bias
@@ -50,6 +50,23 @@ impl fmt::Display for PreintegrationError {
 impl core::error::Error for PreintegrationError {}
 
 /// The integral of the samples between two instants, with its covariance and bias Jacobians.
+///
+/// # Example
+/// ```
+/// # use libella_core::imu::{ImuBias, ImuNoise, ImuSample, NavState, Preintegration};
+/// # use libella_core::time::Timestamp;
+/// # use nalgebra::Vector3;
+/// let reading = |nanos| ImuSample {
+///     stamp: Timestamp::from_nanos(nanos),
+///     gyro_rad_s: Vector3::zeros(),
+///     accel_m_s2: Vector3::new(1.0, 0.0, 9.81), // level, speeding up
+/// };
+/// let mut integral = Preintegration::<f64>::new(ImuBias::default());
+/// integral.integrate(&ImuNoise::adis16448(), &reading(0), &reading(5_000_000))?;
+/// let later = integral.predict(&NavState::origin(), &Vector3::new(0.0, 0.0, -9.81));
+/// assert!((later.velocity_in_world - Vector3::new(0.005, 0.0, 0.0)).norm() < 1e-12);
+/// # Ok::<(), libella_core::imu::PreintegrationError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Preintegration<T: Real> {
     span: Span,
@@ -107,12 +124,7 @@ impl<T: Real> Preintegration<T> {
         let mid_matrix = *mid.to_rotation_matrix().matrix();
         let gain = mid_matrix * force * dt;
         let (end_by_gyro, mid_by_gyro) = turn.bias_to_rotation(&phi, &mid_matrix);
-        let step = Transition {
-            dt,
-            velocity_gain: gain,
-            rotation_by_gyro: end_by_gyro * -dt,
-            velocity_by_accel: mid_matrix * -dt,
-        };
+        let step = Transition { dt, velocity_gain: gain, rotation_by_gyro: end_by_gyro * -dt, velocity_by_accel: mid_matrix * -dt };
         self.error.propagate(&step, noise);
 
         // Jacobians: v' = v − [u]× (θ + Aₘ b_g) + C b_a, p' = p + Δt/2 (v + v')
@@ -146,13 +158,7 @@ impl<T: Real> Preintegration<T> {
         let d_theta = turn * later.d_theta_d_gyro;
         let d_velocity = [turn * later.d_velocity_d_gyro, turn * later.d_velocity_d_accel];
         let d_position = [turn * later.d_position_d_gyro, turn * later.d_position_d_accel];
-        let carry = transition(
-            span,
-            [&velocity, &position],
-            &d_theta,
-            [&d_position[0], &d_position[1]],
-            [&d_velocity[0], &d_velocity[1]],
-        );
+        let carry = transition(span, [&velocity, &position], &d_theta, [&d_position[0], &d_position[1]], [&d_velocity[0], &d_velocity[1]]);
         self.error = self.error.compose(&carry, &turn, &later.error);
 
         self.d_position_d_gyro += self.d_velocity_d_gyro * span - so3::hat(&position) * self.d_theta_d_gyro + d_position[0];

@@ -37,3 +37,55 @@ impl<T: Real> ImuSample<T> {
         self.gyro_rad_s.iter().chain(self.accel_m_s2.iter()).all(|value| value.is_usable())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(nanos: i64, value: f64) -> ImuSample<f64> {
+        ImuSample {
+            stamp: Timestamp::from_nanos(nanos),
+            gyro_rad_s: Vector3::new(value, -value, 0.5),
+            accel_m_s2: Vector3::new(2.0 * value, 0.0, 9.81),
+        }
+    }
+
+    #[test]
+    fn interpolation_is_linear_and_keeps_the_stamp() {
+        let (earlier, later) = (at(1_000, 1.0), at(2_000, 3.0));
+        for (nanos, value) in [(1_000, 1.0), (1_250, 1.5), (1_999, 2.998), (2_000, 3.0)] {
+            let between = ImuSample::interpolate(&earlier, &later, Timestamp::from_nanos(nanos));
+            assert_eq!(between.stamp.as_nanos(), nanos);
+            assert!((between.gyro_rad_s - at(nanos, value).gyro_rad_s).norm() < 1e-15);
+            assert!((between.accel_m_s2 - at(nanos, value).accel_m_s2).norm() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn outside_the_nearer_sample_counts() {
+        let (earlier, later) = (at(1_000, 1.0), at(2_000, 3.0));
+        for (nanos, near) in [(0, &earlier), (i64::MIN, &earlier), (9_000, &later), (i64::MAX, &later)] {
+            let outside = ImuSample::interpolate(&earlier, &later, Timestamp::from_nanos(nanos));
+            assert_eq!((outside.gyro_rad_s, outside.accel_m_s2), (near.gyro_rad_s, near.accel_m_s2));
+        }
+    }
+
+    #[test]
+    fn samples_of_one_instant_or_in_wrong_order_give_the_earlier() {
+        let (first, second) = (at(1_000, 1.0), at(1_000, 3.0));
+        assert_eq!(ImuSample::interpolate(&first, &second, first.stamp), first);
+        let (late, early) = (at(2_000, 1.0), at(1_000, 3.0));
+        assert_eq!(ImuSample::interpolate(&late, &early, late.stamp), late);
+    }
+
+    #[test]
+    fn finite_means_all_six() {
+        assert!(at(0, 1.0).is_finite());
+        for axis in 0..3 {
+            let (mut gyro, mut accel) = (at(0, 1.0), at(0, 1.0));
+            gyro.gyro_rad_s[axis] = f64::NAN;
+            accel.accel_m_s2[axis] = f64::NEG_INFINITY;
+            assert!(!gyro.is_finite() && !accel.is_finite());
+        }
+    }
+}

@@ -75,3 +75,58 @@ impl<T: Real> NavState<T> {
             && self.local(&Self::origin()).iter().skip(3).all(|value| value.is_usable())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imu::testing::{Motion, Normal};
+    use crate::testing::{assert_close, numerical_jacobian};
+    use nalgebra::{SMatrix, SVector};
+
+    #[test]
+    fn retract_and_local_are_inverse() {
+        let mut normal = Normal(7);
+        for _ in 0..200 {
+            let state = Motion::lively().state(3.0 * normal.draw());
+            let delta: [f64; 15] = core::array::from_fn(|_| 0.8 * normal.draw());
+            let back = state.retract(&delta).local(&state);
+            // Beyond half a turn the shorter way round is the other one.
+            if Vector3::new(delta[0], delta[1], delta[2]).norm() < core::f64::consts::PI {
+                assert_close(&SVector::from(back), &SVector::from(delta), 1e-13);
+            }
+            let other = Motion::lively().state(3.0 * normal.draw());
+            let there = state.retract(&other.local(&state));
+            assert!(there.local(&other).iter().all(|x| x.abs() < 1e-13));
+        }
+    }
+
+    #[test]
+    fn nothing_added_is_nothing_changed() {
+        let state = Motion::lively().state(0.7);
+        assert_eq!(state.local(&state).map(f64::abs), [0.0; 15]);
+        assert!(state.retract(&[0.0; 15]).local(&state).iter().all(|x| x.abs() < 1e-15));
+    }
+
+    #[test]
+    fn rotation_is_perturbed_on_the_right_and_in_the_stated_order() {
+        let state = Motion::lively().state(0.7);
+        let moved = numerical_jacobian::<15, 15>(1e-6, |d| state.retract(&(*d).into()).local(&state).into());
+        assert_close(&moved, &SMatrix::identity(), 1e-9);
+        // A point fixed in the body moves by R [φ]× x.
+        let point = nalgebra::Point3::new(0.3, -0.4, 1.2);
+        let by_rotation = numerical_jacobian::<3, 15>(1e-6, |d| (state.retract(&(*d).into()).pose() * point).coords);
+        let expected = -(state.world_from_body.to_rotation_matrix().matrix() * so3::hat(&point.coords));
+        assert_close(&by_rotation.fixed_columns::<3>(0).into_owned(), &expected, 1e-8);
+        assert_close(&by_rotation.fixed_columns::<3>(3).into_owned(), &SMatrix::identity(), 1e-8);
+    }
+
+    #[test]
+    fn any_number_that_is_none_is_found() {
+        assert!(Motion::lively().state(0.3).is_finite());
+        for at in 0..15 {
+            let mut delta = [0.0; 15];
+            delta[at] = f64::NAN;
+            assert!(!NavState::origin().retract(&delta).is_finite(), "{at}");
+        }
+    }
+}

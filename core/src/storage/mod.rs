@@ -1,1 +1,5 @@
-//! storage.
+//! Containers of fixed capacity: nothing here allocates, and a full container gives back what it cannot take.
+
+pub mod blocks;
+pub mod ring;
+pub mod slots;

@@ -1,5 +1,12 @@
 //! Corners followed from image to image, with ids that never repeat.
 
+pub mod detect;
+pub mod flow;
+mod front_end;
 mod observation;
+mod table;
+pub mod two_view;
 
+pub use front_end::{FrontEnd, FrontEndConfig, FrontEndReport};
 pub use observation::{Observation, TrackId};
+pub use table::{Track, TrackTable};

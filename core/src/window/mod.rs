@@ -1,1 +1,72 @@
-//! window.
+//! The sliding window: recent frames, keyframes, and the landmarks they see.
+
+mod frame;
+mod geometry;
+mod landmark;
+mod policy;
+
+pub use frame::Frame;
+pub use geometry::CameraPose;
+pub use landmark::{Landmark, NormalizedPoint};
+pub use policy::Covisibility;
+
+use heapless::Vec;
+
+use crate::real::Real;
+use crate::track::TrackId;
+
+/// Frames from the oldest to the newest, and landmarks in no particular order.
+#[derive(Debug)]
+pub struct Window<T: Real, const FRAMES: usize, const POINTS: usize> {
+    /// Oldest first. Each holds the inertial integral from its predecessor.
+    pub frames: Vec<Frame<T>, FRAMES>,
+    /// What the frames see.
+    pub landmarks: Vec<Landmark<T, FRAMES>, POINTS>,
+}
+
+impl<T: Real, const FRAMES: usize, const POINTS: usize> Default for Window<T, FRAMES, POINTS> {
+    fn default() -> Self {
+        const { assert!(FRAMES >= 4 && FRAMES <= 32, "a window holds 4 to 32 frames") };
+        Self { frames: Vec::new(), landmarks: Vec::new() }
+    }
+}
+
+impl<T: Real, const FRAMES: usize, const POINTS: usize> Window<T, FRAMES, POINTS> {
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.frames.clear();
+        self.landmarks.clear();
+    }
+
+    /// Notes that the newest frame sees `track` at `point`, and returns where the frame before saw it. A new landmark is
+    /// made where none has this track; without room the observation is dropped.
+    pub fn observe(&mut self, track: TrackId, point: NormalizedPoint<T>) -> Option<NormalizedPoint<T>> {
+        let newest = self.frames.len().checked_sub(1)?;
+        if let Some(landmark) = self.landmarks.iter_mut().find(|landmark| landmark.track == track) {
+            landmark.observe(newest, point);
+            return landmark.point(newest.checked_sub(1)?).copied();
+        }
+        // A full table refuses: the corner may come in later.
+        let _ = self.landmarks.push(Landmark::new(track, newest, point));
+        None
+    }
+
+    /// Removes frame `index` and every observation made in it; landmarks anchored there move to their next frame.
+    /// The inertial integral of the following frame is left as it is: join it first.
+    pub fn remove_frame(&mut self, index: usize, camera_poses: &[CameraPose<T>]) {
+        if index >= self.frames.len() {
+            return;
+        }
+        for landmark in &mut self.landmarks {
+            landmark.remove_frame(index, camera_poses);
+        }
+        self.frames.remove(index);
+        self.landmarks.retain(|landmark| landmark.observations() > 0);
+    }
+
+    /// Index of the newest keyframe before `before`.
+    #[must_use]
+    pub fn last_keyframe(&self, before: usize) -> Option<usize> {
+        self.frames.iter().take(before).rposition(|frame| frame.keyframe)
+    }
+}

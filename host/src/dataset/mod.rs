@@ -1,1 +1,283 @@
-//! dataset.
+//! Recordings on disk as one time-ordered stream of events.
+//!
+//! A folder is recognised by what it holds: `mav0` (or its content) is EuRoC/ASL, `tracks_cam0.csv` beside
+//! `imu0.csv` is a recording of corners. Files are checked whole before the first event; pixels are read late,
+//! by a thread that runs a few images ahead.
+
+mod corners;
+mod decode;
+mod euroc;
+mod imu;
+pub(crate) mod table;
+
+pub use decode::GrayImage;
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::Receiver;
+
+use libella_core::imu::ImuSample;
+use libella_core::time::{Span, Timestamp};
+use libella_core::track::Observation;
+use serde::Serialize;
+
+use crate::calibration::Rig;
+use crate::config::DatasetSection;
+use crate::eval::Trajectory;
+use crate::fault::Fault;
+
+/// A recording whose files have been found and checked.
+#[derive(Debug)]
+pub struct Recording {
+    /// A short name: that of its folder.
+    pub name: String,
+    /// The layout it was recognised as.
+    pub layout: Layout,
+    /// Camera, extrinsics and noise.
+    pub rig: Rig,
+    /// Inertial samples, strictly increasing in time.
+    pub imu: Vec<ImuSample<f64>>,
+    /// Images or corners, strictly increasing in time, all of them within the span of the inertial samples.
+    pub frames: Frames,
+    /// Images or corner sets listed by the recording, those outside of the inertial samples included.
+    pub listed_frames: usize,
+    /// Pose of the inertial unit, where the recording has it.
+    pub truth: Option<Trajectory>,
+    /// What is odd about it and does not stop a run.
+    pub remarks: Vec<Remark>,
+}
+
+/// The layout of a folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Layout {
+    /// EuRoC/ASL with images.
+    Euroc,
+    /// Corners of a calibration target, found beforehand.
+    Corners,
+}
+
+/// What the camera gave.
+#[derive(Debug)]
+pub enum Frames {
+    /// Image files, not yet read.
+    Images(Vec<ImageFile>),
+    /// Corners found by somebody else.
+    Tracks(Vec<TrackFrame>),
+}
+
+impl Frames {
+    /// Number of frames.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Images(images) => images.len(),
+            Self::Tracks(frames) => frames.len(),
+        }
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Time of a frame.
+    #[must_use]
+    pub fn stamp(&self, index: usize) -> Option<Timestamp> {
+        match self {
+            Self::Images(images) => images.get(index).map(|image| image.stamp),
+            Self::Tracks(frames) => frames.get(index).map(|frame| frame.stamp),
+        }
+    }
+
+    fn retain(&mut self, keep: impl Fn(Timestamp) -> bool) {
+        match self {
+            Self::Images(images) => images.retain(|image| keep(image.stamp)),
+            Self::Tracks(frames) => frames.retain(|frame| keep(frame.stamp)),
+        }
+    }
+}
+
+/// An image file and its time.
+#[derive(Debug, Clone)]
+pub struct ImageFile {
+    /// When it was taken.
+    pub stamp: Timestamp,
+    /// Where it lies.
+    pub path: PathBuf,
+}
+
+/// The corners of one image.
+#[derive(Debug, Clone)]
+pub struct TrackFrame {
+    /// When it was taken.
+    pub stamp: Timestamp,
+    /// The corners, raw pixels.
+    pub observations: Vec<Observation<f64>>,
+}
+
+/// The kind of a [`Remark`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum RemarkKind {
+    /// Inertial samples pause.
+    ImuGap,
+    /// An inertial time stamp occurs twice; the second sample is left out.
+    ImuDuplicate,
+    /// An axis of the inertial unit stays at its largest value.
+    ImuSaturated,
+    /// Specific force far from gravity at the start.
+    Gravity,
+    /// Images pause.
+    ImageGap,
+    /// An image time stamp occurs twice; the second image is left out.
+    ImageDuplicate,
+    /// Images before the first or after the last inertial sample are left out.
+    ImagesWithoutImu,
+    /// A truth stamp occurs twice; the second pose is left out.
+    TruthDuplicate,
+    /// No truth to compare with.
+    NoTruth,
+    /// A value that the recording does not state was taken from elsewhere.
+    Assumed,
+}
+
+/// Something odd in a recording that does not stop a run, with how often it occurs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Remark {
+    /// What kind.
+    pub kind: RemarkKind,
+    /// How many times.
+    pub count: usize,
+    /// The first occurrence, with file and line.
+    pub first: String,
+}
+
+/// Counts occurrences of one kind and remembers the first.
+pub(crate) fn remark(remarks: &mut Vec<Remark>, kind: RemarkKind, first: impl FnOnce() -> String) {
+    match remarks.iter_mut().find(|remark| remark.kind == kind) {
+        Some(remark) => remark.count += 1,
+        None => remarks.push(Remark { kind, count: 1, first: first() }),
+    }
+}
+
+/// One thing that a sensor said.
+#[derive(Debug)]
+pub enum Event {
+    /// An inertial sample.
+    Imu(ImuSample<f64>),
+    /// An image, or why it could not be read.
+    Image {
+        /// When it was taken.
+        stamp: Timestamp,
+        /// Its pixels.
+        image: Result<GrayImage, Fault>,
+    },
+    /// Corners.
+    Tracks(TrackFrame),
+}
+
+/// Opens a recording and checks all of its tables.
+///
+/// # Errors
+/// When the folder is no recording, or one of its files is absent, damaged, out of order, or not finite.
+pub fn open(path: &Path, options: &DatasetSection) -> Result<Recording, Fault> {
+    if !path.is_dir() {
+        let what = if path.exists() { "is not a folder" } else { "there is no such folder" };
+        return Err(Fault::missing(path, what, "give the folder of a recording, for EuRoC the one that holds `mav0`"));
+    }
+    let mut recording = if path.join("tracks_cam0.csv").is_file() { corners::open(path, options)? } else { euroc::open(path, options)? };
+    keep_frames_with_imu(&mut recording, path)?;
+    report_image_gaps(&mut recording, path, options);
+    if recording.truth.is_none() {
+        remark(&mut recording.remarks, RemarkKind::NoTruth, || {
+            format!("{}: no ground truth, so there will be no error figures", path.display())
+        });
+    }
+    Ok(recording)
+}
+
+fn keep_frames_with_imu(recording: &mut Recording, path: &Path) -> Result<(), Fault> {
+    let (Some(first), Some(last)) = (recording.imu.first().map(|s| s.stamp), recording.imu.last().map(|s| s.stamp)) else {
+        return Err(Fault::malformed(path, "has no inertial samples", "record or copy it again"));
+    };
+    let before = recording.frames.len();
+    recording.frames.retain(|stamp| first <= stamp && stamp <= last);
+    let outside = before - recording.frames.len();
+    if recording.frames.is_empty() {
+        let what = "no image lies within the time span of the inertial samples";
+        return Err(Fault::malformed(path, what, "check that both are stamped by the same clock, in nanoseconds"));
+    }
+    if outside > 0 {
+        let first = format!("{}: image before the first or after the last inertial sample is left out", path.display());
+        recording.remarks.push(Remark { kind: RemarkKind::ImagesWithoutImu, count: outside, first });
+    }
+    Ok(())
+}
+
+fn report_image_gaps(recording: &mut Recording, path: &Path, options: &DatasetSection) {
+    for index in 1..recording.frames.len() {
+        let (Some(earlier), Some(later)) = (recording.frames.stamp(index - 1), recording.frames.stamp(index)) else { continue };
+        let gap_ms = (later - earlier).as_seconds::<f64>() * 1e3;
+        if gap_ms > options.max_image_gap_ms {
+            remark(&mut recording.remarks, RemarkKind::ImageGap, || {
+                format!("{}: no image for {gap_ms:.0} ms before {later}", path.display())
+            });
+        }
+    }
+}
+
+impl Recording {
+    /// All events in the order in which an estimator wants them: an image follows the first inertial sample that is not
+    /// older than it. At most `ahead` images are decoded before they are asked for.
+    ///
+    /// # Errors
+    /// When the thread that decodes cannot be started.
+    pub fn events(&self, ahead: usize) -> Result<Events<'_>, Fault> {
+        let decoded = match &self.frames {
+            Frames::Images(images) => Some(decode::start(images.clone(), ahead)?),
+            Frames::Tracks(_) => None,
+        };
+        Ok(Events { recording: self, decoded, next_imu: 0, next_frame: 0, reached: None })
+    }
+
+    /// Time from the first to the last frame.
+    #[must_use]
+    pub fn span(&self) -> Span {
+        match (self.frames.stamp(0), self.frames.stamp(self.frames.len().saturating_sub(1))) {
+            (Some(first), Some(last)) => last - first,
+            _ => Span::default(),
+        }
+    }
+}
+
+/// The events of a recording.
+pub struct Events<'a> {
+    recording: &'a Recording,
+    decoded: Option<Receiver<(Timestamp, Result<GrayImage, Fault>)>>,
+    next_imu: usize,
+    next_frame: usize,
+    reached: Option<Timestamp>,
+}
+
+impl Iterator for Events<'_> {
+    type Item = Event;
+
+    fn next(&mut self) -> Option<Event> {
+        let due = self.recording.frames.stamp(self.next_frame).filter(|stamp| self.reached.is_some_and(|reached| reached >= *stamp));
+        if due.is_some() {
+            let index = self.next_frame;
+            self.next_frame += 1;
+            return match (&self.recording.frames, &self.decoded) {
+                (Frames::Tracks(frames), _) => frames.get(index).cloned().map(Event::Tracks),
+                (Frames::Images(_), Some(decoded)) => decoded.recv().ok().map(|(stamp, image)| Event::Image { stamp, image }),
+                (Frames::Images(_), None) => None,
+            };
+        }
+        let sample = self.recording.imu.get(self.next_imu)?;
+        self.next_imu += 1;
+        self.reached = Some(sample.stamp);
+        Some(Event::Imu(*sample))
+    }
+}

@@ -1,1 +1,15 @@
-//! eval.
+//! Trajectories against the truth.
+
+mod align;
+mod ate;
+mod consistency;
+mod report;
+mod rpe;
+mod trajectory;
+
+pub use align::{Alignment, align};
+pub use ate::{Matched, Statistics, associate, position_errors_m};
+pub use consistency::{PoseWithCovariance, pose_nees};
+pub use report::{Evaluation, evaluate};
+pub use rpe::{RelativeError, relative_errors};
+pub use trajectory::{StampedPose, Trajectory};

@@ -1,0 +1,207 @@
+//! From the first data to a window that stands.
+//!
+//! At rest, gravity and the gyro bias are read off the inertial samples and one frame is enough. In motion, frames are
+//! collected at a fixed spacing until velocity, gravity and scale can be told from them together.
+
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+use super::{Estimator, FrameOutcome, Health, StepBudget, Waiting};
+use crate::camera::Camera;
+use crate::imu::{NavState, Preintegration};
+use crate::init::{InertialLink, InitConfig, InitError, MAX_INIT_FRAMES, RestConfig, detect_rest, initialise_moving};
+use crate::real::Real;
+use crate::solve::add_initial;
+use crate::time::Timestamp;
+
+/// Iterations of the first solution at least: it starts farther away than any later one.
+const FIRST_ITERATIONS: u8 = 12;
+/// Standard deviation of the position and yaw of the first frame, which define the world, m and rad.
+const GAUGE_SIGMA: f64 = 1e-2;
+
+impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>
+    Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES>
+{
+    pub(super) fn step_starting(&mut self, budget: StepBudget) -> FrameOutcome {
+        if self.start_at_rest() {
+            return FrameOutcome::Initialised;
+        }
+        match self.start_moving(budget) {
+            Ok(()) => FrameOutcome::Initialised,
+            Err(waiting) => {
+                self.health = Health::Initialising(waiting);
+                self.space_frames();
+                FrameOutcome::Initialising(waiting)
+            }
+        }
+    }
+
+    /// Keeps frames apart while the window fills, and drops the oldest when it is full.
+    fn space_frames(&mut self) {
+        let frames = &self.window.frames;
+        if let [.., third, second, _] = frames.as_slice() {
+            if (second.stamp - third.stamp).as_seconds::<T>() < self.config.initialisation_spacing_s {
+                let index = frames.len() - 2;
+                self.drop_frame(index);
+            }
+        }
+        while self.window.frames.len() >= FRAMES.min(MAX_INIT_FRAMES) {
+            self.drop_frame(0);
+        }
+    }
+
+    fn start_at_rest(&mut self) -> bool {
+        let Some(newest) = self.window.frames.last().map(|frame| frame.stamp) else { return false };
+        let config = RestConfig { imu_noise: self.config.imu_noise, gravity_m_s2: self.config.gravity_m_s2, ..RestConfig::default() };
+        let Some((first, displacement_px)) = self.displacement_since(newest, config.minimum_span_s) else { return false };
+        let from = self.window.frames[first].stamp;
+        let Ok(rest) = detect_rest(&config, self.inertial.between(from, newest), Some(displacement_px)) else { return false };
+        while self.window.frames.len() > 1 {
+            self.drop_frame(0);
+        }
+        let Some(frame) = self.window.frames.first_mut() else { return false };
+        frame.state = rest.state;
+        frame.from_previous = Preintegration::new(rest.state.bias);
+        frame.keyframe = true;
+        frame.at_rest = true;
+        let sigma = &self.config.first_sigma;
+        let first = [
+            rest.sigma_tilt_rad.max(T::of(0.005)),
+            self.config.rest_sigma_m_s,
+            rest.sigma_gyro_bias_rad_s.max(T::of(0.002)),
+            sigma.accel_bias_m_s2,
+        ];
+        self.begin(&rest.state, first);
+        true
+    }
+
+    /// Mean displacement of the corners between the newest frame and the last one at least `span_s` before it, px.
+    fn displacement_since(&self, newest: Timestamp, span_s: T) -> Option<(usize, T)> {
+        let last = self.window.frames.len().checked_sub(1)?;
+        let first = self.window.frames.iter().rposition(|frame| (newest - frame.stamp).as_seconds::<T>() >= span_s)?;
+        let (mut sum, mut count) = (T::ZERO, T::ZERO);
+        for landmark in &self.window.landmarks {
+            let (Some(a), Some(b)) = (landmark.point(first), landmark.point(last)) else { continue };
+            sum += ((a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y)).root();
+            count += T::one();
+        }
+        if count < T::of(10.0) {
+            return None;
+        }
+        Some((first, sum / count * self.camera.focal_px()))
+    }
+
+    fn start_moving(&mut self, budget: StepBudget) -> Result<(), Waiting> {
+        let frames = self.window.frames.len();
+        let (Some(first), Some(last)) = (self.window.frames.first(), self.window.frames.last()) else { return Err(Waiting::Tracks) };
+        if frames < 5 || (last.stamp - first.stamp).as_seconds::<T>() < self.config.shortest_initialisation_s {
+            return Err(Waiting::Tracks);
+        }
+        let mut states = [NavState::origin(); MAX_INIT_FRAMES];
+        let mut integrated_at = self.window.frames[0].state.bias;
+        // A second round integrates at the bias that the first one found.
+        for round in 0..2 {
+            let empty = InertialLink::from(&Preintegration::new(integrated_at));
+            let mut links = [empty; MAX_INIT_FRAMES];
+            for (link, frame) in links.iter_mut().zip(self.window.frames.iter().skip(1)) {
+                *link = InertialLink::from(&frame.from_previous);
+            }
+            let config = InitConfig {
+                sigma_px: self.config.sigma_px,
+                focal_px: self.camera.focal_px(),
+                gravity_m_s2: self.config.gravity_m_s2,
+                maximum_scale_sigma: self.config.initialisation_scale_sigma,
+                ..InitConfig::default()
+            };
+            let landmarks = &self.window.landmarks;
+            let bearings = (landmarks.len(), |landmark: usize, frame: usize| {
+                let point = landmarks.get(landmark)?.point(frame)?;
+                Some(Vector3::new(point.x, point.y, T::one()).normalize())
+            });
+            let found = initialise_moving(
+                &config,
+                &self.settings.body_from_camera,
+                &links[..frames - 1],
+                &bearings,
+                &mut self.init_landmarks,
+                &mut states[..frames],
+            );
+            let alignment = match found {
+                Ok(alignment) => alignment,
+                Err(error) => {
+                    self.report.init_error = Some(error);
+                    return Err(waiting_for(&error));
+                }
+            };
+            let moved = (alignment.bias.gyro_rad_s - integrated_at.gyro_rad_s).norm();
+            integrated_at = alignment.bias;
+            for i in 1..frames {
+                let (from, to) = (self.window.frames[i - 1].stamp, self.window.frames[i].stamp);
+                if self.inertial.covers(from, to) {
+                    self.window.frames[i].from_previous = self.inertial.integrate(&self.noise, integrated_at, from, to);
+                }
+            }
+            if round == 1 || moved < T::of(0.02) {
+                break;
+            }
+        }
+        for (frame, state) in self.window.frames.iter_mut().zip(&states) {
+            frame.state = *state;
+            frame.keyframe = true;
+        }
+        for frame in self.window.frames.iter_mut().rev().take(super::sliding::RECENT) {
+            frame.keyframe = false;
+        }
+        for landmark in &mut self.window.landmarks {
+            landmark.active = false;
+        }
+        let sigma = &self.config.first_sigma;
+        let first = [sigma.tilt_rad, sigma.velocity_m_s, sigma.gyro_bias_rad_s, sigma.accel_bias_m_s2];
+        let mut origin = states[0];
+        origin.bias.accel_m_s2 = Vector3::zeros();
+        self.begin(&origin, first);
+        for _ in 0..2 {
+            self.activate_landmarks();
+            self.solve(budget.iterations.max(FIRST_ITERATIONS));
+        }
+        if self.tracked_landmarks() < self.config.least_tracked {
+            self.health = Health::Initialising(Waiting::Agreement);
+            self.prior.clear();
+            for frame in &mut self.window.frames {
+                frame.keyframe = false;
+            }
+            return Err(Waiting::Agreement);
+        }
+        Ok(())
+    }
+
+    /// Makes the first frame's state the origin of the world: `sigma` of tilt, velocity, gyro bias, accelerometer bias.
+    fn begin(&mut self, origin: &NavState<T>, sigma: [T; 4]) {
+        let inverse = |value: T| T::one() / value;
+        let gauge = T::of(1.0 / GAUGE_SIGMA);
+        // Yaw is the rotation about the vertical, seen from the body.
+        let vertical = origin.world_from_body.inverse() * Vector3::z();
+        let along = vertical * vertical.transpose();
+        let rotation = along * gauge + (Matrix3::identity() - along) * inverse(sigma[0]);
+        let mut root = SMatrix::<T, 15, 15>::zeros();
+        root.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
+        for axis in 0..3 {
+            root[(3 + axis, 3 + axis)] = gauge;
+            root[(6 + axis, 6 + axis)] = inverse(sigma[1]);
+            root[(9 + axis, 9 + axis)] = inverse(sigma[2]);
+            root[(12 + axis, 12 + axis)] = inverse(sigma[3]);
+        }
+        add_initial(&mut self.prior, &mut self.workspace, origin, &root);
+        self.blind_since = None;
+        self.health = Health::Tracking;
+    }
+}
+
+fn waiting_for<T: Real>(error: &InitError<T>) -> Waiting {
+    match error {
+        InitError::Parallax(_) => Waiting::Parallax,
+        InitError::Excitation(_) => Waiting::Excitation,
+        InitError::Gravity(_) => Waiting::Gravity,
+        InitError::Agreement(..) | InitError::Numerical => Waiting::Agreement,
+        _ => Waiting::Tracks,
+    }
+}

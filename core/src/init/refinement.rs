@@ -1,0 +1,382 @@
+//! The most likely motion of the start: all bearings, the inertial samples as one rigid curve.
+//!
+//! # Model
+//! Parameters `x = [v₀ g b_a b_g]`, 11 degrees of freedom: `g` on the sphere of known radius, the rest additive. A landmark is
+//! a direction `u` in the camera `a` that saw it first, and an inverse distance ρ. In the body frame of the first image
+//! ```text
+//! q = R_a u + ρ (c_a − c_i)          3×1, R_a, c: orientation and centre of a camera, m
+//! e = B(f)ᵀ R_iᵀ q / (fᵀ R_iᵀ q)     2×1, tangent of the angle off the measured bearing f
+//! c = v₀ t + ½ g t² + α(b) + R(b_g) t_BC
+//! ```
+//! and with `h = R_iᵀ q` in the camera, `d = fᵀ h`, body-frame vectors in the first body frame, `φ` and `∂α` from the chain,
+//! ```text
+//! ∂e/∂h = (Bᵀ − e fᵀ)/d      2×3     ∂h/∂δu = R_iᵀ R_a B(u)   3×2     ∂h/∂ρ = R_iᵀ (c_a − c_i)   3×1
+//! ∂h/∂x = [h]× R_CB φ_i δb_g + R_iᵀ (−R_a [u]× R_CB φ_a δb_g + ρ (∂c_a − ∂c_i))                    3×11
+//! ```
+//! Levenberg-Marquardt on Cauchy's kernel with the three numbers of each landmark eliminated.
+//!
+//! # Degeneracy
+//! At constant velocity the scale is free, without translation everything but the rotation is; the covariance says so.
+
+use nalgebra::{Isometry3, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
+
+use super::chain::{Chain, InertialLink, MAX_INIT_FRAMES, Node};
+use super::config::InitConfig;
+use super::gyro_bias::cauchy;
+use super::median::Histogram;
+use super::tracks::{Bearings, InitLandmark, across};
+use crate::imu::ImuBias;
+use crate::lie::so3;
+use crate::real::Real;
+
+/// `[v₀ δg b_a b_g]`.
+pub(super) const PARAMETERS: usize = 11;
+const VELOCITY: usize = 0;
+const GRAVITY: usize = 3;
+const ACCEL: usize = 5;
+const GYRO: usize = 8;
+const ITERATIONS: usize = 12;
+
+type Row<T> = SMatrix<T, 3, PARAMETERS>;
+type Information<T> = SMatrix<T, PARAMETERS, PARAMETERS>;
+type Gradient<T> = SVector<T, PARAMETERS>;
+
+/// The parameters, in the body frame of the first image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Motion<T: Real> {
+    pub velocity: Vector3<T>,
+    pub gravity: Vector3<T>,
+    pub bias: ImuBias<T>,
+}
+
+impl<T: Real> Motion<T> {
+    pub(super) fn retract(&self, step: &Gradient<T>) -> Self {
+        let magnitude = self.gravity.norm();
+        let moved = self.gravity + across(&(self.gravity / magnitude)) * step.fixed_rows::<2>(GRAVITY) * magnitude;
+        Self {
+            velocity: self.velocity + step.fixed_rows::<3>(VELOCITY),
+            gravity: moved * (magnitude / moved.norm()),
+            bias: ImuBias {
+                gyro_rad_s: self.bias.gyro_rad_s + step.fixed_rows::<3>(GYRO),
+                accel_m_s2: self.bias.accel_m_s2 + step.fixed_rows::<3>(ACCEL),
+            },
+        }
+    }
+
+    /// `p_i` of the body in its first frame, and its derivative, 3×11.
+    pub(super) fn body(&self, node: &Node<T>) -> (Vector3<T>, Row<T>) {
+        let half_squared = node.time_s * node.time_s * T::of(0.5);
+        let magnitude = self.gravity.norm();
+        let mut d_position = Row::zeros();
+        d_position.fixed_columns_mut::<3>(VELOCITY).fill_with_identity();
+        d_position *= node.time_s;
+        d_position.fixed_columns_mut::<2>(GRAVITY).copy_from(&(across(&(self.gravity / magnitude)) * (magnitude * half_squared)));
+        d_position.fixed_columns_mut::<3>(ACCEL).copy_from(&node.d_position_d_bias.fixed_columns::<3>(3));
+        d_position.fixed_columns_mut::<3>(GYRO).copy_from(&node.d_position_d_bias.fixed_columns::<3>(0));
+        (self.velocity * node.time_s + self.gravity * half_squared + node.position, d_position)
+    }
+}
+
+/// A camera of the chain in the first body frame.
+#[derive(Clone, Copy)]
+pub(super) struct View<T: Real> {
+    pub first_from_camera: Matrix3<T>,
+    pub centre: Vector3<T>,
+    d_centre: Row<T>,
+    /// `R_CB φ`, 3×3: turn of the camera about its own axes by the gyro bias.
+    d_turn: Matrix3<T>,
+}
+
+/// All cameras at one set of parameters.
+pub(super) struct Views<T: Real> {
+    views: [View<T>; MAX_INIT_FRAMES],
+    count: usize,
+}
+
+impl<T: Real> Views<T> {
+    pub(super) fn new(motion: &Motion<T>, links: &[InertialLink<T>], body_from_camera: &Isometry3<T>) -> Self {
+        let chain = Chain::new(links, &motion.bias);
+        let body_from_camera_turn = body_from_camera.rotation.to_rotation_matrix().into_inner();
+        let lever = body_from_camera.translation.vector;
+        let empty = View {
+            first_from_camera: Matrix3::identity(),
+            centre: Vector3::zeros(),
+            d_centre: Row::zeros(),
+            d_turn: Matrix3::zeros(),
+        };
+        let mut views = [empty; MAX_INIT_FRAMES];
+        for (view, node) in views.iter_mut().zip(chain.nodes()) {
+            let first_from_body = node.first_from_body.to_rotation_matrix().into_inner();
+            let (position, mut d_centre) = motion.body(node);
+            let mut gyro = d_centre.fixed_columns_mut::<3>(GYRO);
+            gyro -= first_from_body * so3::hat(&lever) * node.d_rotation_d_gyro;
+            *view = View {
+                first_from_camera: first_from_body * body_from_camera_turn,
+                centre: position + first_from_body * lever,
+                d_centre,
+                d_turn: body_from_camera_turn.transpose() * node.d_rotation_d_gyro,
+            };
+        }
+        Self { views, count: chain.nodes().len() }
+    }
+
+    pub(super) fn as_slice(&self) -> &[View<T>] {
+        &self.views[..self.count]
+    }
+}
+
+/// One bearing, linearised.
+pub(super) struct Linear<T: Real> {
+    pub residual: Vector2<T>,
+    /// 2×11
+    pub d_motion: SMatrix<T, 2, PARAMETERS>,
+    /// `[δu δρ]`, 2×3
+    pub d_landmark: Matrix2x3<T>,
+}
+
+/// `None` when the point is not in front of the camera.
+pub(super) fn residual<T: Real>(anchor: &View<T>, view: &View<T>, u: &Vector3<T>, rho: T, f: &Vector3<T>) -> Option<(Vector2<T>, Vector3<T>, T)> {
+    let h = view.first_from_camera.tr_mul(&(anchor.first_from_camera * u + (anchor.centre - view.centre) * rho));
+    let depth = f.dot(&h);
+    (depth > T::of(0.05)).then(|| (across(f).tr_mul(&h) / depth, h, depth))
+}
+
+pub(super) fn linearize<T: Real>(
+    anchor: &View<T>,
+    view: &View<T>,
+    is_anchor: bool,
+    u: &Vector3<T>,
+    rho: T,
+    f: &Vector3<T>,
+) -> Option<Linear<T>> {
+    let (residual, h, depth) = residual(anchor, view, u, rho, f)?;
+    let d_h = (across(f).transpose() - residual * f.transpose()) / depth;
+    let camera_from_first = view.first_from_camera.transpose();
+    let d_h_first = d_h * camera_from_first;
+    let mut d_landmark = Matrix2x3::zeros();
+    d_landmark.fixed_columns_mut::<2>(0).copy_from(&(d_h_first * anchor.first_from_camera * across(u)));
+    let mut d_motion = SMatrix::zeros();
+    if !is_anchor {
+        d_landmark.set_column(2, &(d_h_first * (anchor.centre - view.centre)));
+        d_motion = d_h_first * (anchor.d_centre - view.d_centre) * rho;
+        let mut gyro = d_motion.fixed_columns_mut::<3>(GYRO);
+        gyro += d_h * so3::hat(&h) * view.d_turn - d_h_first * anchor.first_from_camera * so3::hat(u) * anchor.d_turn;
+    }
+    Some(Linear { residual, d_motion, d_landmark })
+}
+
+/// What the refinement leaves behind.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Refined<T: Real> {
+    pub motion: Motion<T>,
+    pub covariance: Information<T>,
+    pub median_residual_px: T,
+    pub inlier_ratio: T,
+    pub observations: usize,
+}
+
+/// The problem that does not change while it is solved.
+pub(super) struct Problem<'a, T: Real, B> {
+    pub config: &'a InitConfig<T>,
+    pub body_from_camera: &'a Isometry3<T>,
+    pub links: &'a [InertialLink<T>],
+    pub bearings: &'a B,
+}
+
+/// Normal equations of one landmark, its own three unknowns apart.
+struct LandmarkEquations<T: Real> {
+    own: Matrix3<T>,
+    own_gradient: Vector3<T>,
+    cross: SMatrix<T, PARAMETERS, 3>,
+}
+
+impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
+    /// Precision of the parameters before any bearing: `[v₀ δg b_a b_g]`.
+    fn prior(&self) -> Gradient<T> {
+        let precision = |sigma: T| T::one() / (sigma * sigma);
+        let mut prior = Gradient::zeros();
+        prior.fixed_rows_mut::<3>(VELOCITY).fill(precision(T::of(10.0)));
+        prior.fixed_rows_mut::<3>(ACCEL).fill(precision(self.config.sigma_accel_bias_m_s2));
+        prior.fixed_rows_mut::<3>(GYRO).fill(precision(self.config.sigma_gyro_bias_rad_s));
+        prior
+    }
+
+    /// `x − 0` where the prior has its mean; gravity has none.
+    fn from_prior(motion: &Motion<T>) -> Gradient<T> {
+        let mut x = Gradient::zeros();
+        x.fixed_rows_mut::<3>(VELOCITY).copy_from(&motion.velocity);
+        x.fixed_rows_mut::<3>(ACCEL).copy_from(&motion.bias.accel_m_s2);
+        x.fixed_rows_mut::<3>(GYRO).copy_from(&motion.bias.gyro_rad_s);
+        x
+    }
+
+    fn cost(&self, motion: &Motion<T>, landmarks: &[InitLandmark<T>]) -> T {
+        let views = Views::new(motion, self.links, self.body_from_camera);
+        let x = Self::from_prior(motion);
+        let mut cost = x.component_mul(&x).dot(&self.prior());
+        let variance = self.config.sigma_rad() * self.config.sigma_rad();
+        for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
+            let Some(anchor) = views.as_slice().get(landmark.anchor) else { continue };
+            for (frame, view) in views.as_slice().iter().enumerate() {
+                let Some(f) = self.observation(landmark, index, frame) else { continue };
+                let whitened = residual(anchor, view, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
+                    .map_or(T::of(1e4), |(e, ..)| e.norm_squared() / variance);
+                // 4 log(1 + s/4): the kernel whose weight is `cauchy`.
+                cost += (T::one() + whitened * T::of(0.25)).ln() * T::of(4.0);
+            }
+        }
+        cost
+    }
+
+    fn observation(&self, landmark: &InitLandmark<T>, index: usize, frame: usize) -> Option<Vector3<T>> {
+        if landmark.is_rejected(frame) { None } else { self.bearings.bearing(index, frame) }
+    }
+
+    /// Adds a landmark's bearings to `information` and `gradient`.
+    fn accumulate(
+        &self,
+        views: &[View<T>],
+        index: usize,
+        landmark: &InitLandmark<T>,
+        mut dense: Option<(&mut Information<T>, &mut Gradient<T>)>,
+    ) -> LandmarkEquations<T> {
+        let mut equations = LandmarkEquations { own: Matrix3::zeros(), own_gradient: Vector3::zeros(), cross: SMatrix::zeros() };
+        let variance = self.config.sigma_rad() * self.config.sigma_rad();
+        let Some(anchor) = views.get(landmark.anchor) else { return equations };
+        for (frame, view) in views.iter().enumerate() {
+            let Some(f) = self.observation(landmark, index, frame) else { continue };
+            let is_anchor = frame == landmark.anchor;
+            let Some(linear) =
+                linearize(anchor, view, is_anchor, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
+            else {
+                continue;
+            };
+            let weight = cauchy(linear.residual.norm_squared() / variance) / variance;
+            let weighted = linear.d_landmark * weight;
+            equations.own += weighted.tr_mul(&linear.d_landmark);
+            equations.own_gradient += weighted.tr_mul(&linear.residual);
+            if !is_anchor {
+                equations.cross += linear.d_motion.tr_mul(&weighted);
+                if let Some((information, gradient)) = &mut dense {
+                    **information += linear.d_motion.tr_mul(&(linear.d_motion * weight));
+                    **gradient += linear.d_motion.tr_mul(&(linear.residual * weight));
+                }
+            }
+        }
+        equations
+    }
+
+    /// Damped inverse of a landmark's own block; a faint prior keeps points at infinity regular.
+    fn own_inverse(equations: &LandmarkEquations<T>, damping: T) -> Option<Matrix3<T>> {
+        let mut own = equations.own;
+        for i in 0..3 {
+            let diagonal = own[(i, i)];
+            own[(i, i)] = diagonal * (T::one() + damping) + T::of(1e-2);
+        }
+        let inverse = own.try_inverse()?;
+        inverse.iter().all(|value| value.is_usable()).then_some(inverse)
+    }
+
+    /// Information and gradient of the parameters with the landmarks eliminated.
+    fn reduced(&self, motion: &Motion<T>, views: &[View<T>], landmarks: &[InitLandmark<T>], damping: T) -> (Information<T>, Gradient<T>) {
+        let prior = self.prior();
+        let mut information = Information::from_diagonal(&prior);
+        let mut gradient = prior.component_mul(&Self::from_prior(motion));
+        for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
+            let (before, gradient_before) = (information, gradient);
+            let equations = self.accumulate(views, index, landmark, Some((&mut information, &mut gradient)));
+            if let Some(inverse) = Self::own_inverse(&equations, damping) {
+                let projected = equations.cross * inverse;
+                information -= projected * equations.cross.transpose();
+                gradient -= projected * equations.own_gradient;
+            } else {
+                (information, gradient) = (before, gradient_before);
+            }
+        }
+        (information, gradient)
+    }
+
+    fn step_landmarks(&self, views: &[View<T>], landmarks: &mut [InitLandmark<T>], step: &Gradient<T>, damping: T) {
+        for (index, landmark) in landmarks.iter_mut().enumerate().filter(|(_, landmark)| landmark.is_used) {
+            landmark.previous = (landmark.bearing_in_anchor, landmark.inverse_distance_per_m);
+            let equations = self.accumulate(views, index, landmark, None);
+            let Some(inverse) = Self::own_inverse(&equations, damping) else { continue };
+            let own = -(inverse * (equations.own_gradient + equations.cross.tr_mul(step)));
+            let moved = landmark.bearing_in_anchor + across(&landmark.bearing_in_anchor) * own.fixed_rows::<2>(0);
+            landmark.bearing_in_anchor = moved.normalize();
+            landmark.inverse_distance_per_m += own.z;
+            landmark.sigma_inverse_distance_per_m = inverse[(2, 2)].max(T::ZERO).root();
+        }
+    }
+
+    /// Minimises from `start`; `None` when a number is not finite or the equations are singular.
+    pub(super) fn solve(&self, start: Motion<T>, landmarks: &mut [InitLandmark<T>]) -> Option<Refined<T>> {
+        let mut motion = start;
+        let mut cost = self.cost(&motion, landmarks);
+        let mut damping = T::of(1e-4);
+        for _ in 0..ITERATIONS {
+            let views = Views::new(&motion, self.links, self.body_from_camera);
+            let (mut information, gradient) = self.reduced(&motion, views.as_slice(), landmarks, damping);
+            for i in 0..PARAMETERS {
+                information[(i, i)] *= T::one() + damping;
+            }
+            let step = information.cholesky()?.solve(&-gradient);
+            self.step_landmarks(views.as_slice(), landmarks, &step, damping);
+            let candidate = motion.retract(&step);
+            let candidate_cost = self.cost(&candidate, landmarks);
+            if candidate_cost < cost {
+                let gain = (cost - candidate_cost) / cost;
+                (motion, cost) = (candidate, candidate_cost);
+                damping = (damping * T::of(0.1)).max(T::of(1e-6));
+                if gain < T::of(1e-5) {
+                    break;
+                }
+            } else {
+                for landmark in landmarks.iter_mut().filter(|landmark| landmark.is_used) {
+                    (landmark.bearing_in_anchor, landmark.inverse_distance_per_m) = landmark.previous;
+                }
+                damping *= T::of(10.0);
+                if !candidate_cost.is_usable() || damping > T::of(1e3) {
+                    break;
+                }
+            }
+        }
+        if !cost.is_usable() {
+            return None;
+        }
+        let views = Views::new(&motion, self.links, self.body_from_camera);
+        let (median_residual_px, inlier_ratio, observations) = self.judge(views.as_slice(), landmarks)?;
+        let (information, _) = self.reduced(&motion, views.as_slice(), landmarks, T::ZERO);
+        // The assumed noise is widened, never narrowed, to what the residuals show (median of a Rayleigh distribution: 1.1774 σ).
+        let shown = (median_residual_px / (self.config.sigma_px * T::of(1.1774))).max(T::one());
+        let covariance = information.cholesky()?.inverse() * (shown * shown);
+        Some(Refined { motion, covariance, median_residual_px, inlier_ratio, observations })
+    }
+
+    /// Median residual, share of inliers and number of observations; marks the outliers.
+    fn judge(&self, views: &[View<T>], landmarks: &mut [InitLandmark<T>]) -> Option<(T, T, usize)> {
+        let (mut residuals, mut inliers, mut total, mut seen) = (Histogram::new(), 0_u32, 0_u32, 0_u32);
+        let limit = self.config.sigma_rad() * T::of(3.5);
+        for (index, landmark) in landmarks.iter_mut().enumerate().filter(|(_, landmark)| landmark.is_used) {
+            let Some(anchor) = views.get(landmark.anchor) else { continue };
+            let mut good = 0;
+            for (frame, view) in views.iter().enumerate() {
+                seen += u32::from(self.bearings.bearing(index, frame).is_some());
+                let Some(f) = self.observation(landmark, index, frame) else { continue };
+                let size = residual(anchor, view, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
+                    .map_or(T::one(), |(e, ..)| e.norm());
+                residuals.add(size);
+                total += 1;
+                if size < limit {
+                    good += 1;
+                } else {
+                    landmark.rejected_frames |= 1 << frame;
+                }
+            }
+            inliers += good;
+            landmark.is_used = good >= 3;
+        }
+        let ratio = T::of(f64::from(inliers) / f64::from(seen.max(1)));
+        Some((residuals.quantile::<T>(0.5)? * self.config.focal_px, ratio, total as usize))
+    }
+}

@@ -1,0 +1,66 @@
+//! A symmetric or triangular matrix of square blocks, of which one triangle is stored.
+//!
+//! Block `(row, column)` with `column ≤ row` stands at `row (row + 1) / 2 + column`; its entries are row-major.
+//! The kernels have constant trip counts and unit strides in the inner loop, so that they vectorise.
+
+use crate::real::Real;
+
+/// A square block, row-major.
+pub type Block<T, const B: usize> = [[T; B]; B];
+
+/// Place of block `(row, column)`, `column ≤ row`, in a stored triangle.
+#[inline(always)]
+#[must_use]
+pub const fn place(row: usize, column: usize) -> usize {
+    row * (row + 1) / 2 + column
+}
+
+/// Number of blocks in a triangle of `n` block rows.
+#[must_use]
+pub const fn pairs(n: usize) -> usize {
+    n * (n + 1) / 2
+}
+
+/// A block of zeros.
+#[must_use]
+pub const fn zero_block<T: Real, const B: usize>() -> Block<T, B> {
+    [[T::ZERO; B]; B]
+}
+
+/// `C += Aᵀ B`.
+#[inline]
+pub fn add_transposed_product<T: Real, const B: usize>(c: &mut Block<T, B>, a: &Block<T, B>, b: &Block<T, B>) {
+    for (c_row, i) in c.iter_mut().zip(0..B) {
+        for k in 0..B {
+            let scale = a[k][i];
+            for (out, value) in c_row.iter_mut().zip(&b[k]) {
+                *out += scale * *value;
+            }
+        }
+    }
+}
+
+/// `C −= A B`.
+#[inline]
+pub fn subtract_product<T: Real, const B: usize>(c: &mut Block<T, B>, a: &Block<T, B>, b: &Block<T, B>) {
+    for (c_row, a_row) in c.iter_mut().zip(a) {
+        for (scale, b_row) in a_row.iter().zip(b) {
+            for (out, value) in c_row.iter_mut().zip(b_row) {
+                *out -= *scale * *value;
+            }
+        }
+    }
+}
+
+/// `Aᵀ`.
+#[inline]
+#[must_use]
+pub fn transpose<T: Real, const B: usize>(a: &Block<T, B>) -> Block<T, B> {
+    let mut out = zero_block();
+    for (i, row) in a.iter().enumerate() {
+        for (j, value) in row.iter().enumerate() {
+            out[j][i] = *value;
+        }
+    }
+    out
+}

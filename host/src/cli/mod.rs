@@ -1,0 +1,66 @@
+//! One file per subcommand; here is what they share: arguments and exit codes.
+
+mod config;
+mod evaluate;
+mod run;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use libella_host::fault::{Fault, FaultKind};
+
+/// Monocular visual-inertial odometry in fixed memory.
+///
+/// Exit codes: 0 done, 2 wrong command line or configuration, 3 the data cannot be used, 4 no trajectory came out,
+/// 5 results cannot be written, 70 the estimator failed, 130 interrupted (results so far are written).
+#[derive(Parser)]
+#[command(name = "libella", version, arg_required_else_help = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Runs a recording through the estimator and writes trajectory, report and picture.
+    Run(run::Arguments),
+    /// Compares a trajectory with the truth (TUM or EuRoC files).
+    Evaluate(evaluate::Arguments),
+    /// Prints the default configuration with the unit of every key.
+    Config,
+}
+
+/// What a command ended with.
+pub(crate) enum Exit {
+    Done,
+    NoResult,
+    EstimatorFailed,
+    Interrupted,
+}
+
+pub(crate) fn main() -> ExitCode {
+    let done = match Arguments::parse().command {
+        Command::Run(arguments) => run::run(&arguments),
+        Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Config => config::run(),
+    };
+    match done {
+        Ok(Exit::Done) => ExitCode::SUCCESS,
+        Ok(Exit::NoResult) => ExitCode::from(4),
+        Ok(Exit::EstimatorFailed) => ExitCode::from(70),
+        Ok(Exit::Interrupted) => ExitCode::from(130),
+        Err(fault) => {
+            eprintln!("libella: {fault}");
+            ExitCode::from(code(&fault))
+        }
+    }
+}
+
+fn code(fault: &Fault) -> u8 {
+    match fault.kind {
+        FaultKind::Configuration => 2,
+        FaultKind::Missing | FaultKind::Malformed => 3,
+        FaultKind::NoResult => 4,
+        _ => 5,
+    }
+}

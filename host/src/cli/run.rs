@@ -1,0 +1,190 @@
+//! `libella run`
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use libella_core::estimator::{Health, Waiting};
+use libella_host::config::{Config, Scalar};
+use libella_host::dataset::{self, Recording};
+use libella_host::eval::{Evaluation, evaluate};
+use libella_host::fault::Fault;
+use libella_host::pipeline::{self, Ended, Figure, Report, Run};
+
+use super::Exit;
+
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Folder of the recording: EuRoC/ASL (`mav0` or its parent), or corners (`tracks_cam0.csv` and `imu0.csv`).
+    dataset: PathBuf,
+    /// Configuration file; `libella config` prints one to start from.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Folder for the results [default: out/<name of the recording>].
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    /// Number type of the estimator, `f64` or `f32`; overrides the configuration.
+    #[arg(long, value_parser = parse_scalar)]
+    scalar: Option<Scalar>,
+    /// Seed of everything random; overrides the configuration.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Prints nothing but errors.
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+fn parse_scalar(text: &str) -> Result<Scalar, String> {
+    match text {
+        "f64" => Ok(Scalar::F64),
+        "f32" => Ok(Scalar::F32),
+        _ => Err("give `f64` or `f32`".into()),
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
+    let mut config = arguments.config.as_deref().map_or_else(|| Ok(Config::default()), Config::read)?;
+    config.scalar = arguments.scalar.unwrap_or(config.scalar);
+    config.seed = arguments.seed.unwrap_or(config.seed);
+    let recording = dataset::open(&arguments.dataset, &config.dataset)?;
+    let folder = arguments.out.clone().unwrap_or_else(|| Path::new("out").join(&recording.name));
+    if !arguments.quiet {
+        for remark in &recording.remarks {
+            let times = if remark.count > 1 { format!(" ({} times)", remark.count) } else { String::new() };
+            eprintln!("warning: {}{times}", remark.first);
+        }
+    }
+    let stop = stop_on_interrupt();
+    let bar = progress(recording.frames.len(), arguments.quiet);
+    let run = pipeline::run(&recording, &config, &stop, |frame| {
+        if let Some(reason) = frame.refused.as_ref().filter(|_| !arguments.quiet) {
+            bar.suspend(|| eprintln!("warning: image at {} is left out: {reason}", frame.stamp));
+        }
+        bar.set_message(word(frame.health));
+        bar.inc(1);
+    })?;
+    bar.finish_and_clear();
+    let estimate = run.trajectory();
+    let evaluation = recording.truth.as_ref().and_then(|truth| evaluate(&estimate, truth, &config.evaluation).ok());
+    let report = Report::new(&recording, &config, &run, evaluation.as_ref());
+    pipeline::write_outputs(&folder, &run, &report)?;
+    let title = format!("{} · {}", recording.name, if config.scalar == Scalar::F64 { "f64" } else { "f32" });
+    let figure = Figure {
+        title: &title,
+        subtitle: &subtitle(&report),
+        estimate: &estimate,
+        truth: recording.truth.as_ref(),
+        evaluation: evaluation.as_ref(),
+    };
+    pipeline::draw(&folder, &figure)?;
+    if !arguments.quiet {
+        summarise(&recording, &report, evaluation.as_ref(), &folder);
+    }
+    Ok(exit(&run, &report))
+}
+
+/// The first Ctrl-C ends the run and lets the results be written; the second ends the program.
+fn stop_on_interrupt() -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let heard = Arc::clone(&stop);
+    // Without a handler Ctrl-C still ends the program, only without results.
+    let _ = ctrlc::set_handler(move || {
+        if heard.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    });
+    stop
+}
+
+fn progress(frames: usize, quiet: bool) -> ProgressBar {
+    let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+    let bar = ProgressBar::with_draw_target(Some(frames as u64), target);
+    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} images  {per_sec}  {msg}");
+    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+fn word(health: Health) -> &'static str {
+    match health {
+        Health::Initialising(waiting) => match waiting {
+            Waiting::Imu => "initialising: waits for inertial samples",
+            Waiting::Tracks => "initialising: waits for corners followed long enough",
+            Waiting::Parallax => "initialising: waits for motion",
+            Waiting::Excitation => "initialising: waits for acceleration",
+            Waiting::Gravity => "initialising: specific force is far from gravity, check units and axes",
+            Waiting::Agreement => "initialising: vision and inertial samples contradict each other, check T_BS and time stamps",
+            _ => "initialising",
+        },
+        Health::Tracking => "tracking",
+        Health::Degraded => "degraded: too few corners",
+        Health::Lost => "lost",
+        _ => "",
+    }
+}
+
+fn subtitle(report: &Report) -> String {
+    let mut parts = Vec::new();
+    if let (Some(ate), Some(scale)) = (report.ate_rmse_m, report.scale_error_percent) {
+        parts.push(format!("ATE {:.1} mm RMSE", ate * 1e3));
+        parts.push(format!("scale error {scale:.2} %"));
+    }
+    if let Some(path) = report.path_length_m {
+        parts.push(format!("path {path:.1} m"));
+    }
+    parts.push(format!("{} poses of {} images ({:.1} %)", report.poses, report.frames, 100.0 * report.coverage));
+    if let Some(after) = report.initialised_after_s {
+        parts.push(format!("initialised after {after:.2} s"));
+    }
+    if let Some(core) = &report.core_ms {
+        parts.push(format!("{:.2} ms per image", core.total.median));
+    }
+    parts.join("  ·  ")
+}
+
+fn summarise(recording: &Recording, report: &Report, evaluation: Option<&Evaluation>, folder: &Path) {
+    println!("recording       {} ({:.1} s)", recording.name, recording.span().as_seconds::<f64>());
+    println!("poses           {} of {} images ({:.1} %)", report.poses, report.frames, 100.0 * report.coverage);
+    match report.initialised_after_s {
+        Some(after) => println!("initialised     {after:.2} s after the first image"),
+        None => println!("initialised     never"),
+    }
+    if let Some(found) = evaluation {
+        super::evaluate::print(found);
+    }
+    if let Some(core) = &report.core_ms {
+        print!("core            {:.2} ms per image (median), {:.2} p95, {:.2} max", core.total.median, core.total.p95, core.total.max);
+        let stages: Vec<_> = core.stages.iter().map(|(name, timing)| format!("{name} {:.2}", timing.median)).collect();
+        println!("; {}", stages.join(", "));
+    }
+    println!(
+        "run             {:.2} s wall, {:.0} images/s, {:.0} MB at most",
+        report.wall_s,
+        report.images_per_s,
+        report.rss_peak_mb.unwrap_or(0.0)
+    );
+    for (name, left_out) in [("images", &report.images_left_out), ("inertial samples", &report.imu_left_out)] {
+        if let Some(reason) = &left_out.first {
+            println!("left out        {} {name}, first: {reason}", left_out.count);
+        }
+    }
+    println!("results         {}", folder.display());
+}
+
+fn exit(run: &Run, report: &Report) -> Exit {
+    match &run.ended {
+        Ended::Failed(said) => {
+            eprintln!("libella: the estimator failed ({said}); results up to there are written, please report it with the recording");
+            Exit::EstimatorFailed
+        }
+        Ended::Interrupted => {
+            eprintln!("libella: interrupted after {} images; results up to there are written", run.frames.len());
+            Exit::Interrupted
+        }
+        Ended::Complete if report.poses == 0 => {
+            let last = run.frames.last().map_or("there was no image", |frame| word(frame.health));
+            eprintln!("libella: no trajectory came out; at the end it was {last}");
+            Exit::NoResult
+        }
+        Ended::Complete => Exit::Done,
+    }
+}

@@ -1,0 +1,278 @@
+//! One recording through one estimator.
+
+use std::panic::AssertUnwindSafe;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Sender, channel};
+use std::time::Instant;
+
+use libella_core::estimator::{FrameOutcome, Health, InputError};
+use libella_core::image::PyramidPair;
+use libella_core::imu::ImuSample;
+use libella_core::profile::Desktop;
+use libella_core::real::Real;
+use libella_core::time::Timestamp;
+use libella_core::track::Observation;
+use nalgebra::{Isometry3, Quaternion, SMatrix, Translation3, UnitQuaternion, Vector3};
+
+use crate::config::{Config, Scalar};
+use crate::dataset::{Event, Recording};
+use crate::eval::{StampedPose, Trajectory};
+use crate::fault::{Fault, FaultKind};
+
+/// Room for the pyramids of images up to about 1.5 megapixels; pages that are never touched cost nothing.
+const PYRAMID_BYTES: usize = 2 << 20;
+/// The estimator is built on the stack of its thread before it moves to the heap.
+const STACK_BYTES: usize = 64 << 20;
+
+/// A causal pose: what the estimator knew when the image had been worked on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PoseResult {
+    /// Time of the image.
+    pub stamp: Timestamp,
+    /// Maps body coordinates to world.
+    pub world_from_body: Isometry3<f64>,
+    /// Velocity in world, m/s.
+    pub velocity_in_world: Vector3<f64>,
+    /// Bias of the angular rate, rad/s.
+    pub gyro_bias_rad_s: Vector3<f64>,
+    /// Bias of the specific force, m/s².
+    pub accel_bias_m_s2: Vector3<f64>,
+    /// Covariance of `[δφ δp]`, rad and m.
+    pub pose_covariance: SMatrix<f64, 6, 6>,
+}
+
+/// What became of one image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameResult {
+    /// Time of the image.
+    pub stamp: Timestamp,
+    /// What the estimator made of it; `None` where the image did not reach it.
+    pub outcome: Option<FrameOutcome>,
+    /// How the estimator was afterwards.
+    pub health: Health,
+    /// Why the image was left out.
+    pub refused: Option<String>,
+    /// Time in `push_imu` since the image before, ms.
+    pub imu_ms: f64,
+    /// Time in `push_image` or `push_tracks`, ms.
+    pub track_ms: f64,
+    /// Time in `step`, ms.
+    pub solve_ms: f64,
+    /// The pose, where there is one.
+    pub pose: Option<PoseResult>,
+    /// Inertial samples refused since the image before, and the first reason.
+    pub refused_imu: Refusals,
+}
+
+/// Inputs that the estimator did not take.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Refusals {
+    /// How many.
+    pub count: usize,
+    /// Why the first of them.
+    pub first: Option<String>,
+}
+
+impl Refusals {
+    /// Counts one more.
+    pub fn add(&mut self, reason: impl FnOnce() -> String) {
+        self.count += 1;
+        self.first.get_or_insert_with(reason);
+    }
+}
+
+/// How a run came to its end.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Ended {
+    /// All of the recording was used.
+    Complete,
+    /// The user stopped it.
+    Interrupted,
+    /// The estimator's thread failed; what it said.
+    Failed(String),
+}
+
+/// All results of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Run {
+    /// One entry per image.
+    pub frames: Vec<FrameResult>,
+    /// How it ended.
+    pub ended: Ended,
+    /// Wall time, s.
+    pub wall_s: f64,
+}
+
+impl Run {
+    /// The causal poses in order.
+    pub fn poses(&self) -> impl Iterator<Item = &PoseResult> {
+        self.frames.iter().filter_map(|frame| frame.pose.as_ref())
+    }
+
+    /// The causal poses as a trajectory.
+    #[must_use]
+    pub fn trajectory(&self) -> Trajectory {
+        Trajectory::new(self.poses().map(|pose| StampedPose { stamp: pose.stamp, world_from_body: pose.world_from_body }))
+    }
+}
+
+/// Runs a recording through the estimator in the scalar of the configuration. `stop` is looked at after every image;
+/// `observe` sees every result as it comes.
+///
+/// # Errors
+/// When no thread can be started. Faults of single inputs are in the results instead.
+pub fn run(recording: &Recording, config: &Config, stop: &AtomicBool, mut observe: impl FnMut(&FrameResult)) -> Result<Run, Fault> {
+    let begun = Instant::now();
+    let (sender, receiver) = channel();
+    let mut frames = Vec::with_capacity(recording.frames.len());
+    let ended = std::thread::scope(|scope| {
+        let work = move || match config.scalar {
+            Scalar::F64 => work::<f64>(recording, config, stop, &sender),
+            Scalar::F32 => work::<f32>(recording, config, stop, &sender),
+        };
+        let thread = std::thread::Builder::new()
+            .name("estimator".into())
+            .stack_size(STACK_BYTES)
+            .spawn_scoped(scope, move || std::panic::catch_unwind(AssertUnwindSafe(work)))
+            .map_err(|error| {
+                Fault::new(FaultKind::Output, format!("no thread for the estimator ({error})"), "free memory or raise the limit")
+            })?;
+        for frame in receiver {
+            observe(&frame);
+            frames.push(frame);
+        }
+        match thread.join() {
+            Ok(Ok(Ok(ended))) => Ok(ended),
+            Ok(Ok(Err(fault))) => Err(fault),
+            Ok(Err(payload)) | Err(payload) => Ok(Ended::Failed(said(payload.as_ref()))),
+        }
+    })?;
+    Ok(Run { frames, ended, wall_s: begun.elapsed().as_secs_f64() })
+}
+
+fn said(payload: &(dyn std::any::Any + Send)) -> String {
+    let text = payload.downcast_ref::<&str>().map(ToString::to_string).or_else(|| payload.downcast_ref::<String>().cloned());
+    text.unwrap_or_else(|| "the estimator stopped without a word".into())
+}
+
+/// The estimator with what it borrows and what is being measured about the image at hand.
+struct Worker<'a, T: Real> {
+    estimator: Box<Desktop<T>>,
+    pyramids: Box<PyramidPair<PYRAMID_BYTES>>,
+    config: &'a Config,
+    imu_ms: f64,
+    refused_imu: Refusals,
+}
+
+fn work<T: Real>(recording: &Recording, config: &Config, stop: &AtomicBool, sender: &Sender<FrameResult>) -> Result<Ended, Fault> {
+    let rig = &recording.rig;
+    let settings = config.estimator_config::<T>(&rig.imu_noise);
+    let mut worker = Worker {
+        estimator: Box::new(Desktop::<T>::new(settings, rig.camera_as(), rig.body_from_camera_as())),
+        pyramids: Box::default(),
+        config,
+        imu_ms: 0.0,
+        refused_imu: Refusals::default(),
+    };
+    for event in recording.events(config.dataset.images_ahead)? {
+        let result = match event {
+            Event::Imu(sample) => {
+                worker.take_imu(&sample);
+                continue;
+            }
+            Event::Image { stamp, image: Err(fault) } => worker.leave_out(stamp, fault.to_string()),
+            Event::Image { stamp, image: Ok(image) } => match image.view() {
+                Ok(view) => worker.take_frame(stamp, |estimator, pyramids| estimator.push_image(stamp, &view, pyramids)),
+                Err(error) => worker.leave_out(stamp, error.to_string()),
+            },
+            Event::Tracks(frame) => {
+                let observations: Vec<_> =
+                    frame.observations.iter().map(|seen| Observation { track: seen.track, pixel: seen.pixel.map(T::of) }).collect();
+                worker.take_frame(frame.stamp, |estimator, _| estimator.push_tracks(frame.stamp, &observations))
+            }
+        };
+        if sender.send(result).is_err() || stop.load(Ordering::Relaxed) {
+            return Ok(Ended::Interrupted);
+        }
+    }
+    Ok(Ended::Complete)
+}
+
+impl<T: Real> Worker<'_, T> {
+    fn take_imu(&mut self, sample: &ImuSample<f64>) {
+        let sample = ImuSample { stamp: sample.stamp, gyro_rad_s: sample.gyro_rad_s.map(T::of), accel_m_s2: sample.accel_m_s2.map(T::of) };
+        let begun = Instant::now();
+        let taken = self.estimator.push_imu(sample);
+        self.imu_ms += milliseconds_since(begun);
+        if let Err(error) = taken {
+            self.refused_imu.add(|| error.to_string());
+        }
+    }
+
+    fn take_frame(
+        &mut self,
+        stamp: Timestamp,
+        push: impl FnOnce(&mut Desktop<T>, &mut PyramidPair<PYRAMID_BYTES>) -> Result<(), InputError>,
+    ) -> FrameResult {
+        let begun = Instant::now();
+        let pushed = push(&mut self.estimator, &mut self.pyramids);
+        let track_ms = milliseconds_since(begun);
+        if let Err(error) = pushed {
+            return FrameResult { track_ms, ..self.leave_out(stamp, error.to_string()) };
+        }
+        let begun = Instant::now();
+        let outcome = self.estimator.step(self.config.budget());
+        let solve_ms = milliseconds_since(begun);
+        FrameResult { outcome: Some(outcome), track_ms, solve_ms, pose: self.pose_at(stamp), ..self.blank(stamp) }
+    }
+
+    /// The result of an image that the estimator did not take.
+    fn leave_out(&mut self, stamp: Timestamp, reason: String) -> FrameResult {
+        FrameResult { refused: Some(reason), ..self.blank(stamp) }
+    }
+
+    /// A result with what has gathered since the image before.
+    fn blank(&mut self, stamp: Timestamp) -> FrameResult {
+        FrameResult {
+            stamp,
+            outcome: None,
+            health: self.estimator.health(),
+            refused: None,
+            imu_ms: std::mem::take(&mut self.imu_ms),
+            track_ms: 0.0,
+            solve_ms: 0.0,
+            pose: None,
+            refused_imu: std::mem::take(&mut self.refused_imu),
+        }
+    }
+
+    /// The newest state, if it is the one of this image and usable.
+    fn pose_at(&self, stamp: Timestamp) -> Option<PoseResult> {
+        let newest = self.estimator.state().filter(|newest| newest.stamp == stamp)?;
+        let vector = |v: &Vector3<T>| v.map(Real::as_f64);
+        let q = newest.state.world_from_body.quaternion();
+        let rotation = UnitQuaternion::new_normalize(Quaternion::new(q.w.as_f64(), q.i.as_f64(), q.j.as_f64(), q.k.as_f64()));
+        let pose = PoseResult {
+            stamp,
+            world_from_body: Isometry3::from_parts(Translation3::from(vector(&newest.state.position_in_world)), rotation),
+            velocity_in_world: vector(&newest.state.velocity_in_world),
+            gyro_bias_rad_s: vector(&newest.state.bias.gyro_rad_s),
+            accel_bias_m_s2: vector(&newest.state.bias.accel_m_s2),
+            pose_covariance: newest.pose_covariance.map(Real::as_f64),
+        };
+        let finite = rotation.coords.iter().chain(pose.world_from_body.translation.vector.iter()).all(|value| value.is_finite());
+        finite.then_some(pose)
+    }
+}
+
+impl FrameResult {
+    /// Time in the estimator for this image, ms.
+    #[must_use]
+    pub fn core_ms(&self) -> f64 {
+        self.imu_ms + self.track_ms + self.solve_ms
+    }
+}
+
+fn milliseconds_since(begun: Instant) -> f64 {
+    begun.elapsed().as_secs_f64() * 1e3
+}

@@ -1,0 +1,282 @@
+//! The files a run leaves behind: `trajectory.tum`, `trajectory.csv`, `report.json`.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use libella_core::estimator::FrameOutcome;
+use libella_core::time::{Span, Timestamp};
+use serde::Serialize;
+
+use super::{Ended, PoseResult, Refusals, Run, rss_peak_mb};
+use crate::config::{Config, Scalar};
+use crate::dataset::{Layout, Recording, Remark};
+use crate::eval::{Evaluation, Matched, PoseWithCovariance, RelativeError, Statistics, pose_nees};
+use crate::fault::{Fault, FaultKind};
+
+/// A time per image in a few numbers, ms.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Timing {
+    /// Median, ms.
+    pub median: f64,
+    /// 95th percentile, ms.
+    pub p95: f64,
+    /// Largest, ms.
+    pub max: f64,
+}
+
+impl Timing {
+    fn of(values: impl Iterator<Item = f64>) -> Option<Self> {
+        let found = Statistics::of(&values.collect::<Vec<_>>())?;
+        Some(Self { median: found.median, p95: found.p95, max: found.max })
+    }
+}
+
+/// Time in the estimator per image and where it went.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CoreTiming {
+    /// Sum of the stages.
+    #[serde(flatten)]
+    pub total: Timing,
+    /// Time of each stage: `imu`, `track`, `solve`.
+    pub stages: BTreeMap<&'static str, Timing>,
+}
+
+/// Normalised estimation error squared of the pose; 6 for a consistent estimator.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Consistency {
+    /// Mean over the poses.
+    pub mean: f64,
+    /// Median over the poses.
+    pub median: f64,
+    /// Number of poses.
+    pub poses: usize,
+}
+
+/// Inputs that did not reach the estimator, or that it refused.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// Number of inputs.
+    pub count: usize,
+    /// The first reason.
+    pub first: Option<String>,
+}
+
+impl From<Refusals> for LeftOut {
+    fn from(refusals: Refusals) -> Self {
+        Self { count: refusals.count, first: refusals.first }
+    }
+}
+
+/// `report.json`. The names of the fields are an interface: they stay.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Version of the program.
+    pub libella: &'static str,
+    /// Name of the recording.
+    pub dataset: String,
+    /// How it was laid out.
+    pub layout: Layout,
+    /// `complete`, `interrupted`, or what the estimator said when it failed.
+    pub ended: String,
+    /// The configuration used.
+    pub configuration: Config,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Number type of the estimator.
+    pub scalar: Scalar,
+    /// Images in the recording.
+    pub frames: usize,
+    /// Causal poses.
+    pub poses: usize,
+    /// `poses / frames`.
+    pub coverage: f64,
+    /// From the first image to the first pose, s.
+    pub initialised_after_s: Option<f64>,
+    /// Position error after alignment by a rigid transform, RMSE over the causal poses, m.
+    pub ate_rmse_m: Option<f64>,
+    /// How far the scale is from the truth's, percent.
+    pub scale_error_percent: Option<f64>,
+    /// Relative pose errors.
+    pub rpe: Vec<RelativeError>,
+    /// More on the position error, m.
+    pub ate_m: Option<Statistics>,
+    /// Length of the true path over the poses, m.
+    pub path_length_m: Option<f64>,
+    /// Consistency of the pose covariance.
+    pub pose_nees: Option<Consistency>,
+    /// Time in the estimator per image, ms.
+    pub core_ms: Option<CoreTiming>,
+    /// Images used per second of wall time.
+    pub images_per_s: f64,
+    /// Wall time of the run, s.
+    pub wall_s: f64,
+    /// Largest resident memory of the process, MB.
+    pub rss_peak_mb: Option<f64>,
+    /// How often each outcome of a frame occurred.
+    pub outcomes: BTreeMap<String, usize>,
+    /// Images that were left out.
+    pub images_left_out: LeftOut,
+    /// Inertial samples that were refused.
+    pub imu_left_out: LeftOut,
+    /// What is odd about the recording.
+    pub remarks: Vec<Remark>,
+}
+
+impl Report {
+    /// Gathers all figures of a run.
+    #[must_use]
+    pub fn new(recording: &Recording, config: &Config, run: &Run, evaluation: Option<&Evaluation>) -> Self {
+        let poses = run.poses().count();
+        let first = |stamp: Timestamp| run.poses().next().map(|pose| (pose.stamp - stamp).as_seconds::<f64>());
+        let mut outcomes = BTreeMap::new();
+        for outcome in run.frames.iter().filter_map(|frame| frame.outcome) {
+            *outcomes.entry(name_of(outcome)).or_default() += 1;
+        }
+        let (mut images, mut samples) = (Refusals::default(), Refusals::default());
+        for frame in &run.frames {
+            if let Some(reason) = &frame.refused {
+                images.add(|| reason.clone());
+            }
+            samples.count += frame.refused_imu.count;
+            samples.first = samples.first.take().or_else(|| frame.refused_imu.first.clone());
+        }
+        Self {
+            libella: env!("CARGO_PKG_VERSION"),
+            dataset: recording.name.clone(),
+            layout: recording.layout,
+            ended: match &run.ended {
+                Ended::Complete => "complete".into(),
+                Ended::Interrupted => "interrupted".into(),
+                Ended::Failed(said) => format!("failed: {said}"),
+            },
+            configuration: config.clone(),
+            seed: config.seed,
+            scalar: config.scalar,
+            frames: recording.listed_frames,
+            poses,
+            coverage: poses as f64 / recording.listed_frames.max(1) as f64,
+            initialised_after_s: recording.frames.stamp(0).and_then(first),
+            ate_rmse_m: evaluation.map(|found| found.ate_rmse_m),
+            scale_error_percent: evaluation.map(|found| found.scale_error_percent),
+            rpe: evaluation.map(|found| found.rpe.clone()).unwrap_or_default(),
+            ate_m: evaluation.map(|found| found.ate_m),
+            path_length_m: evaluation.map(|found| found.path_length_m),
+            pose_nees: consistency(recording, config, run),
+            core_ms: core_timing(run),
+            images_per_s: run.frames.len() as f64 / run.wall_s.max(1e-9),
+            wall_s: run.wall_s,
+            rss_peak_mb: rss_peak_mb(),
+            outcomes,
+            images_left_out: images.into(),
+            imu_left_out: samples.into(),
+            remarks: recording.remarks.clone(),
+        }
+    }
+}
+
+/// The variant in snake case, without what it carries.
+fn name_of(outcome: FrameOutcome) -> String {
+    let whole = format!("{outcome:?}");
+    let mut name = String::new();
+    for letter in whole.chars() {
+        if letter.is_uppercase() && !name.is_empty() && !name.ends_with('(') {
+            name.push('_');
+        }
+        name.extend(letter.to_lowercase());
+    }
+    name.replace(['(', ')'], " ").trim().to_owned()
+}
+
+fn core_timing(run: &Run) -> Option<CoreTiming> {
+    let frames = || run.frames.iter().filter(|frame| frame.outcome.is_some());
+    let stages = [
+        ("imu", Timing::of(frames().map(|frame| frame.imu_ms))?),
+        ("track", Timing::of(frames().map(|frame| frame.track_ms))?),
+        ("solve", Timing::of(frames().map(|frame| frame.solve_ms))?),
+    ];
+    Some(CoreTiming { total: Timing::of(frames().map(|frame| frame.core_ms()))?, stages: stages.into() })
+}
+
+fn consistency(recording: &Recording, config: &Config, run: &Run) -> Option<Consistency> {
+    let truth = recording.truth.as_ref()?;
+    #[allow(clippy::cast_possible_truncation)]
+    let max_gap = Span::from_nanos((config.evaluation.max_truth_gap_s * 1e9) as i64);
+    let poses: Vec<_> = run
+        .poses()
+        .filter_map(|pose| {
+            let truth = truth.at(pose.stamp, max_gap)?;
+            let matched = Matched { stamp: pose.stamp, estimate: pose.world_from_body, truth };
+            Some(PoseWithCovariance { matched, covariance: pose.pose_covariance })
+        })
+        .collect();
+    let values = pose_nees(&poses);
+    let found = Statistics::of(&values)?;
+    Some(Consistency { mean: found.mean, median: found.median, poses: values.len() })
+}
+
+/// Writes `trajectory.tum`, `trajectory.csv` and `report.json` into a folder, which is made if it is not there.
+///
+/// # Errors
+/// When the folder or a file cannot be written.
+pub fn write_outputs(folder: &Path, run: &Run, report: &Report) -> Result<(), Fault> {
+    std::fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
+    let json = serde_json::to_string_pretty(report)
+        .map_err(|error| Fault::new(FaultKind::Output, format!("the report cannot be written ({error})"), "report this as an error"))?;
+    write(&folder.join("trajectory.tum"), &tum(run.poses()))?;
+    write(&folder.join("trajectory.csv"), &euroc(run.poses()))?;
+    write(&folder.join("report.json"), &(json + "\n"))
+}
+
+pub(super) fn write(path: &Path, text: &str) -> Result<(), Fault> {
+    std::fs::write(path, text).map_err(|error| unwritable(path, &error))
+}
+
+pub(super) fn unwritable(path: &Path, error: &dyn std::fmt::Display) -> Fault {
+    Fault::new(FaultKind::Output, format!("cannot be written ({error})"), "give another folder with --out, or free the disk").at(path)
+}
+
+fn tum<'a>(poses: impl Iterator<Item = &'a PoseResult>) -> String {
+    let mut text = String::from("# timestamp[s] tx ty tz qx qy qz qw\n");
+    for pose in poses {
+        let nanos = pose.stamp.as_nanos();
+        let (p, q) = (&pose.world_from_body.translation.vector, pose.world_from_body.rotation.quaternion());
+        let (seconds, rest) = (nanos.div_euclid(1_000_000_000), nanos.rem_euclid(1_000_000_000));
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "{seconds}.{rest:09} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9}", p.x, p.y, p.z, q.i, q.j, q.k, q.w);
+    }
+    text
+}
+
+fn euroc<'a>(poses: impl Iterator<Item = &'a PoseResult>) -> String {
+    let mut text = String::from(
+        "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], \
+         v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1], b_w_RS_S_x [rad s^-1], b_w_RS_S_y [rad s^-1], b_w_RS_S_z [rad s^-1], \
+         b_a_RS_S_x [m s^-2], b_a_RS_S_y [m s^-2], b_a_RS_S_z [m s^-2]\n",
+    );
+    for pose in poses {
+        let q = pose.world_from_body.rotation.quaternion();
+        let _ = write!(text, "{}", pose.stamp.as_nanos());
+        let position = pose.world_from_body.translation.vector;
+        let rotation = [q.w, q.i, q.j, q.k];
+        let vectors = [pose.velocity_in_world, pose.gyro_bias_rad_s, pose.accel_bias_m_s2];
+        for value in position.iter().chain(&rotation).chain(vectors.iter().flat_map(|vector| vector.iter())) {
+            let _ = write!(text, ",{value:.9}");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use libella_core::estimator::Waiting;
+
+    use super::*;
+
+    #[test]
+    fn outcomes_have_plain_names() {
+        assert_eq!(name_of(FrameOutcome::NewKeyframe), "new_keyframe");
+        assert_eq!(name_of(FrameOutcome::Initialising(Waiting::Parallax)), "initialising parallax");
+    }
+}

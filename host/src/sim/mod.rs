@@ -1,9 +1,10 @@
-//! Simulated flights with exact truth: motion, inertial samples, corner tracks.
+//! Simulated flights with exact truth: motion, inertial samples, corner tracks, pictures.
 //!
 //! ```text
 //! MotionKind ─▶ Analytic ─┐                     ┌─▶ imu ─────▶ samples, true states ─┐
 //!                         ├─▶ Trajectory ─▶ Flight                                   ├─▶ Recording
-//! EuRoC csv ──▶ Spline ───┘                     └─▶ features ─▶ tracks ──────────────┘
+//! EuRoC csv ──▶ Spline ───┘          │          └─▶ features ─▶ tracks ──────────────┘
+//!                       Scene ─▶ World (baked) ─▶ Renderer ─▶ images, depth ─▶ stream, EuRoC folder
 //! ```
 //! Everything is a function of a configuration and a seed.
 
@@ -15,13 +16,16 @@ pub mod scene;
 pub mod spline;
 pub mod trajectory;
 
+mod asl;
 mod error;
 mod flight;
 mod photometry;
 mod render;
+mod stream;
 mod surface;
 mod texture;
 
+pub use asl::{AslOptions, planes_json, write_asl};
 pub use error::SimError;
 pub use features::FeatureConfig;
 pub use flight::{Flight, ImuSource, RealMotionConfig};
@@ -29,6 +33,7 @@ pub use imu::ImuConfig;
 pub use photometry::PhotometryConfig;
 pub use render::{DepthMap, GrayImage, RenderConfig, Renderer, World};
 pub use scene::{RoomConfig, Scene};
+pub use stream::{ImageStream, MotionSource, RenderedFlight};
 pub use trajectory::{AnalyticConfig, Motion, MotionKind, Trajectory};
 
 use std::path::Path;

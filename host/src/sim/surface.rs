@@ -114,7 +114,7 @@ impl Surface {
     }
 }
 
-/// How finely a rectangle is sampled: 2 mm on pictures, 3 mm on things, 4 mm on shells, never more than 4 million texels.
+/// How finely a rectangle is sampled: 2 mm on pictures, 3 mm on things, 4 mm on walls, 8 mm overhead, never more than 4 million texels.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 fn texel_counts(quad: &Quad) -> [usize; 2] {
     if quad.material == Material::Checkerboard {
@@ -124,6 +124,7 @@ fn texel_counts(quad: &Quad) -> [usize; 2] {
     let area = quad.size_m[0] * quad.size_m[1];
     let base = match quad.material {
         Material::PlayMat | Material::Poster | Material::Tape => 0.002,
+        Material::Ceiling => 0.008,
         _ if area > 8.0 => 0.004,
         _ => 0.003,
     };

@@ -25,6 +25,9 @@ mod stream;
 mod surface;
 mod texture;
 
+#[cfg(test)]
+mod likeness_tests;
+
 pub use asl::{AslOptions, planes_json, write_asl};
 pub use error::SimError;
 pub use features::FeatureConfig;

@@ -140,20 +140,19 @@ impl Face {
     }
 }
 
-/// The nearest face on a ray: index among the faces and inverse depth.
+/// The nearest face on a ray, and its inverse depth there.
 #[inline(always)]
-fn nearest(faces: &[Face], candidates: &[u32], x: f32, y: f32) -> Option<(usize, f32)> {
+fn nearest(faces: &[Face], x: f32, y: f32) -> Option<(&Face, f32)> {
     let mut best = 0.0_f32;
     let mut found = None;
-    for &candidate in candidates {
-        let Some(face) = faces.get(candidate as usize) else { continue };
+    for face in faces {
         let [w, u0, u1, v0, v1] = face.conditions(x, y);
         if w > best && u0 >= 0.0 && u1 >= 0.0 && v0 >= 0.0 && v1 >= 0.0 {
             best = w;
-            found = Some((candidate as usize, w));
+            found = Some(face);
         }
     }
-    found
+    found.map(|face| (face, best))
 }
 
 /// A camera in a world.
@@ -287,10 +286,10 @@ impl<'a> Renderer<'a> {
         });
     }
 
-    /// The faces that a tile may see at the first or the last instant.
-    fn candidates(faces: &[Vec<Face>], among: &[u32], tile: &[f32; 4]) -> Vec<u32> {
+    /// Which of the faces a tile may see at the first or the last instant.
+    fn candidates(faces: &[Vec<Face>], among: &[usize], tile: &[f32; 4]) -> Vec<usize> {
         let (Some(first), Some(last)) = (faces.first(), faces.last()) else { return Vec::new() };
-        among.iter().copied().filter(|k| !(first[*k as usize].misses(tile) && last[*k as usize].misses(tile))).collect()
+        among.iter().copied().filter(|k| !(first[*k].misses(tile) && last[*k].misses(tile))).collect()
     }
 
     fn shade_band(&self, faces: &[Vec<Face>], band: usize, rows: &mut [u8], gain: f32, index: u64) {
@@ -299,24 +298,28 @@ impl<'a> Renderer<'a> {
         let whole = tiles.iter().fold([f32::MAX, f32::MAX, f32::MIN, f32::MIN], |sum, tile| {
             [sum[0].min(tile[0]), sum[1].min(tile[1]), sum[2].max(tile[2]), sum[3].max(tile[3])]
         });
-        let all: Vec<u32> = (0..u32::try_from(faces.first().map_or(0, Vec::len)).unwrap_or(0)).collect();
+        let all: Vec<usize> = (0..faces.first().map_or(0, Vec::len)).collect();
         let in_band = Self::candidates(faces, &all, &whole);
-        let share = 1.0 / (faces.len() as f32 * Surface::UNIT);
+        let share = gain / (faces.len() as f32 * Surface::UNIT);
+        let mut near: Vec<Face> = Vec::new();
         for (column, tile) in tiles.iter().enumerate() {
+            // Side by side in memory, instant after instant.
             let candidates = Self::candidates(faces, &in_band, tile);
+            near.clear();
+            faces.iter().for_each(|faces| near.extend(candidates.iter().map(|k| faces[*k])));
             for (line, row) in rows.chunks_mut(self.width).enumerate() {
                 let y = band * TILE + line;
                 for (x, grey) in row.iter_mut().enumerate().skip(column * TILE).take(TILE) {
                     let pixel = y * self.width + x;
                     let Some(rays) = self.rays.get(pixel) else { continue };
                     let mut sum = 0.0;
-                    for (instant, faces) in faces.iter().enumerate() {
+                    for (instant, faces) in near.chunks(candidates.len().max(1)).enumerate() {
                         let [ray_x, ray_y] = rays[instant & 3];
-                        if let Some((face, w)) = nearest(faces, &candidates, ray_x, ray_y) {
-                            sum += self.shade(&faces[face], w, ray_x, ray_y, instant);
+                        if let Some((face, w)) = nearest(faces, ray_x, ray_y) {
+                            sum += self.shade(face, w, ray_x, ray_y, instant);
                         }
                     }
-                    *grey = self.photometry.digitise(sum * share * gain, pixel, index);
+                    *grey = self.photometry.digitise(sum * share, pixel, index);
                 }
             }
         }
@@ -345,17 +348,13 @@ impl<'a> Renderer<'a> {
     fn mean_radiance(&self, world_from_camera: &Isometry3<f64>) -> f32 {
         let faces = self.faces(std::slice::from_ref(world_from_camera));
         let Some(faces) = faces.first() else { return 0.5 };
-        let all: Vec<u32> = (0..u32::try_from(faces.len()).unwrap_or(0)).collect();
         let (mut sum, mut count) = (0.0, 0.0);
         for y in (self.height / 24..self.height).step_by(self.height / 12) {
             for x in (self.width / 36..self.width).step_by(self.width / 18) {
                 let [ray_x, ray_y] = self.rays[y * self.width + x][0];
-                if let Some((face, w)) = nearest(faces, &all, ray_x, ray_y) {
-                    let surface = &self.world.surfaces[faces[face].quad as usize];
-                    let (u, v) = (
-                        linear(&faces[face].a, ray_x, ray_y) / w - faces[face].corner[0],
-                        linear(&faces[face].b, ray_x, ray_y) / w - faces[face].corner[1],
-                    );
+                if let Some((face, w)) = nearest(faces, ray_x, ray_y) {
+                    let surface = &self.world.surfaces[face.quad as usize];
+                    let (u, v) = (linear(&face.a, ray_x, ray_y) / w - face.corner[0], linear(&face.b, ray_x, ray_y) / w - face.corner[1]);
                     sum += (surface.radiance(u, v, 4) / Surface::UNIT).min(1.0);
                 }
                 count += 1.0;
@@ -383,17 +382,17 @@ impl<'a> Renderer<'a> {
             })
             .collect();
         let mut cells = vec![(0.0_f64, u16::MAX); self.width * self.height];
-        let all: Vec<u32> = (0..u32::try_from(faces.first().map_or(0, Vec::len)).unwrap_or(0)).collect();
+        let all: Vec<usize> = (0..faces.first().map_or(0, Vec::len)).collect();
         self.in_bands(&mut cells, |band, rows| {
             for column in 0..columns {
                 let candidates = Self::candidates(&faces, &all, &self.tiles[band * columns + column]);
+                let near: Vec<Face> = candidates.iter().map(|k| faces[0][*k]).collect();
                 for (line, row) in rows.chunks_mut(self.width).enumerate() {
                     for (x, cell) in row.iter_mut().enumerate().skip(column * TILE).take(TILE) {
                         let Some([ray_x, ray_y]) = self.centers.get((band * TILE + line) * self.width + x) else { continue };
-                        if let Some((face, _)) = nearest(&faces[0], &candidates, *ray_x as f32, *ray_y as f32) {
-                            let quad = faces[0][face].quad;
-                            let w = planes[quad as usize].dot(&Vector3::new(*ray_x, *ray_y, 1.0));
-                            *cell = (1.0 / w, u16::try_from(quad).unwrap_or(u16::MAX));
+                        if let Some((face, _)) = nearest(&near, *ray_x as f32, *ray_y as f32) {
+                            let w = planes[face.quad as usize].dot(&Vector3::new(*ray_x, *ray_y, 1.0));
+                            *cell = (1.0 / w, u16::try_from(face.quad).unwrap_or(u16::MAX));
                         }
                     }
                 }

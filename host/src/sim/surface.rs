@@ -152,7 +152,7 @@ fn lamps(scene: &Scene, seed: u64) -> Vec<Lamp> {
             let position = ceiling.point(length * (u + random.between(-0.05, 0.05)), width * (v + random.between(-0.05, 0.05)));
             lamps.push(Lamp {
                 position: position + ceiling.normal * 0.25,
-                power: random.between(0.25, 0.75) * reach_squared,
+                power: random.between(0.2, 0.95) * reach_squared,
                 facing: None,
             });
         }
@@ -217,7 +217,7 @@ fn light_on(scene: &Scene, point: &Vector3<f64>, quad: &Quad, lamps: &[Lamp], ra
         let distance = scene.cast(point, &direction).map_or(1.0, |hit| hit.distance.min(1.0));
         open += (0.3 + 0.7 * distance) / f64::from(rays);
     }
-    let mut light = 0.3 * open;
+    let mut light = 0.22 * open;
     for lamp in lamps {
         let way = lamp.position - point;
         let distance_squared = way.norm_squared().max(0.04);

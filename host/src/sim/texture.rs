@@ -194,15 +194,15 @@ impl Paint {
         let value = match self.material {
             Material::Plaster => {
                 let (mark, tone) = other.spot(u * 3.1, v * 3.1, 0.16);
-                let (dent, _) = n.spot(u * 17.0, v * 17.0, 0.035);
-                let base = 0.74 + 0.05 * n.fractal(u * 0.9, v * 0.9, 3) + 0.02 * n.at(u * 60.0, v * 60.0);
+                let (dent, _) = n.spot(u * 17.0, v * 17.0, 0.018);
+                let base = 0.8 + 0.05 * n.fractal(u * 0.9, v * 0.9, 3) + 0.02 * n.at(u * 60.0, v * 60.0);
                 blend(blend(base, 0.45 + 0.25 * tone, 0.35 * mark), 0.25, dent * 0.8)
             }
             Material::Floor => {
                 let (stain, tone) = other.spot(u * 2.3, v * 2.3, 0.3);
-                let (chip, chip_tone) = n.spot(u * 13.0, v * 13.0, 0.06);
+                let (chip, chip_tone) = n.spot(u * 13.0, v * 13.0, 0.03);
                 let joint = self.pen.line(repeat(u, 2.0).1 - 1.0, 0.004).max(self.pen.line(repeat(v, 2.0).1 - 1.0, 0.004));
-                let base = 0.3 + 0.07 * n.fractal(u * 1.3, v * 1.3, 4) + 0.05 * n.fractal(u * 70.0, v * 70.0, 2);
+                let base = 0.27 + 0.07 * n.fractal(u * 1.3, v * 1.3, 4) + 0.05 * n.fractal(u * 70.0, v * 70.0, 2);
                 let base = blend(base, 0.18 + 0.3 * tone, 0.3 * stain);
                 blend(blend(base, if chip_tone > 0.6 { 0.7 } else { 0.1 }, chip * 0.8), 0.1, 0.7 * joint)
             }
@@ -240,7 +240,7 @@ impl Paint {
                 // Wrinkles run across, thicker in some places.
                 let wrinkle = (v * 42.0 + 5.0 * warp + 2.0 * n.at(u * 3.0, v * 9.0)).sin();
                 let strength = (0.5 + other.fractal(u * 1.2, v * 1.8, 2)).clamp(0.0, 1.0);
-                let base = 0.23 + 0.03 * self.tone + 0.07 * wrinkle.powi(3) * strength + 0.03 * n.fractal(u * 90.0, v * 90.0, 2);
+                let base = 0.21 + 0.03 * self.tone + 0.07 * wrinkle.powi(3) * strength + 0.03 * n.fractal(u * 90.0, v * 90.0, 2);
                 let (mark, tone) = other.spot(u * 5.0, v * 5.0, 0.06);
                 blend(blend(base, 0.08, 0.7 * seam), 0.5 * tone, 0.6 * mark)
             }

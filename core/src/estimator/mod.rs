@@ -139,6 +139,12 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         &self.window
     }
 
+    /// Mean displacement of the corners from the image before to the newest, px.
+    #[must_use]
+    pub fn image_motion_px(&self) -> T {
+        self.image_motion_px
+    }
+
     /// Forgets every frame and landmark and initialises anew with the next data.
     pub fn reset(&mut self) {
         self.window.clear();

@@ -1,6 +1,6 @@
 //! One image while the window stands: triangulate, solve, clean, slide.
 
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, Vector3};
 
 use super::{Estimator, FrameOutcome, Health, StepBudget};
 use crate::factor::reprojection;
@@ -127,16 +127,20 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         let frames = &mut self.window.frames;
         let Some((newest, before)) = frames.split_last_mut() else { return };
         let Some(previous) = before.last() else { return };
-        let bias = &newest.state.bias;
-        let (mut turning, mut pushing, mut count) = (T::ZERO, T::ZERO, T::ZERO);
+        let bias = newest.state.bias;
+        let (mut rate, mut force, mut count) = (Vector3::zeros(), Vector3::zeros(), T::ZERO);
         for (_, sample) in self.inertial.pairs(previous.stamp, newest.stamp) {
-            turning += (sample.gyro_rad_s - bias.gyro_rad_s).norm_squared();
-            let excess = (sample.accel_m_s2 - bias.accel_m_s2).norm() - self.config.gravity_m_s2;
-            pushing += excess * excess;
+            rate += sample.gyro_rad_s - bias.gyro_rad_s;
+            force += sample.accel_m_s2 - bias.accel_m_s2;
             count += T::one();
         }
-        let still = count > T::ZERO && (turning / count).root() < T::of(0.02) && (pushing / count).root() < T::of(0.3);
-        newest.at_rest = still && self.image_motion_px < T::of(0.3);
+        if !(count > T::ZERO) {
+            return;
+        }
+        // Means over the interval: running motors shake a body that rests.
+        let turning = (rate / count).norm();
+        let pushing = ((force / count).norm() - self.config.gravity_m_s2).abs();
+        newest.at_rest = turning < T::of(0.02) && pushing < T::of(0.3) && self.image_motion_px < self.config.rest_motion_px;
     }
 
     fn diverged(&self) -> bool {

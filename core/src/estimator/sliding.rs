@@ -46,9 +46,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         let shared_ratio = if seen.later > 0 { T::of(seen.shared as f64 / seen.later as f64) } else { T::one() };
         let span = (self.window.frames[candidate].stamp - self.window.frames[last].stamp).as_seconds::<T>();
         let threshold = self.config.keyframe_parallax_px;
-        parallax_px > threshold
-            || shared_ratio < few
-            || (span > self.config.keyframe_interval_s && parallax_px > threshold * T::of(0.25))
+        parallax_px > threshold || shared_ratio < few || (span > self.config.keyframe_interval_s && parallax_px > threshold * T::of(0.25))
     }
 
     /// Takes a frame out that is not worth keeping: its observations are dropped, its inertial samples go to the next frame.

@@ -279,10 +279,7 @@ mod tests {
         assert_eq!(pair.common_levels(), 1);
         assert_eq!((pair.previous(0).unwrap().row(3)[3], pair.current(0).unwrap().row(3)[3]), (7, 9));
         let large = [0_u8; 31 * 30];
-        assert_eq!(
-            pair.push(&ImageView::new(&large, 31, 30, 31).unwrap(), 3),
-            Err(PyramidError::TooLarge { needed: 930, available: 900 })
-        );
+        assert_eq!(pair.push(&ImageView::new(&large, 31, 30, 31).unwrap(), 3), Err(PyramidError::TooLarge { needed: 930, available: 900 }));
         assert_eq!((pair.previous(0).unwrap().row(3)[3], pair.current(0).unwrap().row(3)[3]), (7, 9));
         pair.push(&ImageView::new(&a, 25, 30, 30).unwrap(), 3).unwrap();
         assert_eq!(pair.common_levels(), 0, "another size has nothing in common");

@@ -90,6 +90,9 @@ pub(super) struct Node<T: Real> {
     /// `∂β/∂[b_g b_a]` and `∂α/∂[b_g b_a]`, 3×6.
     pub d_velocity_d_bias: SMatrix<T, 3, 6>,
     pub d_position_d_bias: SMatrix<T, 3, 6>,
+    /// `∂β/∂ḃ_a` and `∂α/∂ḃ_a`, 3×3: an accelerometer bias that grows with time.
+    pub d_velocity_d_drift: Matrix3<T>,
+    pub d_position_d_drift: Matrix3<T>,
 }
 
 impl<T: Real> Node<T> {
@@ -102,6 +105,8 @@ impl<T: Real> Node<T> {
             d_rotation_d_gyro: Matrix3::zeros(),
             d_velocity_d_bias: SMatrix::zeros(),
             d_position_d_bias: SMatrix::zeros(),
+            d_velocity_d_drift: Matrix3::zeros(),
+            d_position_d_drift: Matrix3::zeros(),
         }
     }
 
@@ -117,16 +122,19 @@ impl<T: Real> Node<T> {
             gyro -= so3::hat(delta) * self.d_rotation_d_gyro;
             turned * sensitivity
         };
+        // The drift stands at its mean over the link.
+        let middle_s = self.time_s + link.span_s * T::of(0.5);
+        let drifted = |d_delta: &SMatrix<T, 3, 6>| turned * d_delta.fixed_columns::<3>(3) * middle_s;
         Self {
+            d_velocity_d_drift: self.d_velocity_d_drift + drifted(&link.d_velocity_d_bias),
+            d_position_d_drift: self.d_position_d_drift + self.d_velocity_d_drift * link.span_s + drifted(&link.d_position_d_bias),
             time_s: self.time_s + link.span_s,
             first_from_body: self.first_from_body * rotation,
             velocity: self.velocity + turned * velocity,
             position: self.position + self.velocity * link.span_s + turned * position,
             d_rotation_d_gyro: rotation.to_rotation_matrix().transpose() * self.d_rotation_d_gyro + d_rotation,
             d_velocity_d_bias: self.d_velocity_d_bias + advance(&velocity, &link.d_velocity_d_bias),
-            d_position_d_bias: self.d_position_d_bias
-                + self.d_velocity_d_bias * link.span_s
-                + advance(&position, &link.d_position_d_bias),
+            d_position_d_bias: self.d_position_d_bias + self.d_velocity_d_bias * link.span_s + advance(&position, &link.d_position_d_bias),
         }
     }
 }

@@ -17,6 +17,9 @@ pub struct InitConfig<T: Real> {
     pub sigma_gyro_bias_rad_s: T,
     /// Standard deviation of the accelerometer bias before any measurement, m/s².
     pub sigma_accel_bias_m_s2: T,
+    /// Standard deviation of the apparent change of the accelerometer bias, m/s³. Beside the bias itself it stands for scale
+    /// and axis errors of both sensors, which turn gravity into false acceleration while the body turns.
+    pub sigma_accel_drift_m_s3: T,
     /// Tracks seen in at least three frames that are needed.
     pub minimum_tracks: usize,
     /// Median displacement of the tracks beyond rotation that is needed, px.
@@ -39,9 +42,10 @@ impl<T: Real> Default for InitConfig<T> {
             gravity_m_s2: T::of(9.81),
             sigma_gyro_bias_rad_s: T::of(0.2),
             sigma_accel_bias_m_s2: T::of(0.1),
+            sigma_accel_drift_m_s3: T::of(0.05),
             minimum_tracks: 15,
-            minimum_parallax_px: T::of(10.0),
-            maximum_scale_sigma: T::of(0.15),
+            minimum_parallax_px: T::of(6.0),
+            maximum_scale_sigma: T::of(0.1),
             maximum_median_residual: T::of(2.0),
             minimum_inlier_ratio: T::of(0.6),
             maximum_gravity_error_m_s2: T::of(1.5),
@@ -85,7 +89,11 @@ impl<T: Real> fmt::Display for InitError<T> {
             Self::Excitation(sigma) => write!(f, "scale is known to {:.0} % only: accelerate the camera", sigma.as_f64() * 100.0),
             Self::Gravity(magnitude) => write!(f, "gravity comes out as {magnitude:.2} m/s²: check units and axes"),
             Self::Agreement(px, ratio) => {
-                write!(f, "images and inertial samples disagree by {px:.1} px ({:.0} % fit): check extrinsics and stamps", ratio.as_f64() * 100.0)
+                write!(
+                    f,
+                    "images and inertial samples disagree by {px:.1} px ({:.0} % fit): check extrinsics and stamps",
+                    ratio.as_f64() * 100.0
+                )
             }
             Self::Numerical => write!(f, "the equations of the start are singular"),
         }

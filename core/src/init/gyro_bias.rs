@@ -15,7 +15,7 @@
 //! Without parallax `n` has no preferred plane. There the rotation alone must align the bearings, `n → 0`; this residual takes
 //! part in every pair, weighted as if the parallax were one common error of its own size, so that it only counts where there is none.
 
-use nalgebra::{Isometry3, Matrix2, Matrix3, Matrix3x2, SymmetricEigen, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix2, Matrix3, Matrix3x2, Vector2, Vector3};
 
 use super::chain::{Chain, InertialLink, MAX_INIT_FRAMES};
 use super::config::{InitConfig, InitError};
@@ -27,16 +27,14 @@ use crate::real::Real;
 
 const STRIDES: [usize; 3] = [1, 2, 4];
 const PAIRS: usize = STRIDES.len() * MAX_INIT_FRAMES;
-const ITERATIONS: usize = 16;
+const ITERATIONS: usize = 28;
 /// Wide pairs join once neighbours have removed most of the bias.
 const NEIGHBOURS_ONLY: usize = 4;
 /// Tracks that a pair needs: two for the direction, three for the rotation, and some to spare.
 const MINIMUM_SHARED: usize = 8;
 /// Tracks and pairs of tracks that a direction is first sought with; two good ones among a fifth of outliers are certain.
-const SAMPLE: usize = 48;
-const HYPOTHESES: usize = 24;
-/// Afterwards the directions follow the rotation.
-const SAMPLED_ITERATIONS: usize = NEIGHBOURS_ONLY + 3;
+const SAMPLE: usize = 40;
+const HYPOTHESES: usize = 16;
 /// Squared sine below which a bearing is too close to the translation to say much about its plane.
 const NEAR_EPIPOLE: f64 = 0.01;
 
@@ -65,6 +63,8 @@ struct Pair<T: Real> {
     /// Rotation of the cameras and its derivative by the gyro bias, on the right.
     rotation: Matrix3<T>,
     d_rotation: Matrix3<T>,
+    /// What the direction's step is found from once the bias has moved: inverse information, gradient, coupling.
+    eliminated: (Matrix2<T>, Vector2<T>, Matrix3x2<T>),
 }
 
 /// What one pair says about the bias once its direction is eliminated.
@@ -74,11 +74,15 @@ struct PairEquations<T: Real> {
 }
 
 impl<T: Real> Pair<T> {
-    /// Cauchy's weight of a bearing pair, and the factor that turns `t · n` into an angle.
-    fn weights(&self, f_first: &Vector3<T>, normal: &Vector3<T>, scale: T) -> (T, T) {
-        let sine_squared = self.translation.cross(f_first).norm_squared() + T::of(NEAR_EPIPOLE);
-        let residual = self.translation.dot(normal);
-        (cauchy(residual * residual / (sine_squared * scale * scale)), T::one() / sine_squared)
+    /// `r`, and its derivative by the direction, 2×1 in the basis given.
+    fn residual(&self, f_first: &Vector3<T>, normal: &Vector3<T>) -> (T, T) {
+        let sine = (self.translation.cross(f_first).norm_squared() + T::of(NEAR_EPIPOLE)).root();
+        (self.translation.dot(normal) / sine, sine)
+    }
+
+    fn d_residual_d_translation(&self, basis: &Matrix3x2<T>, f_first: &Vector3<T>, normal: &Vector3<T>) -> Vector2<T> {
+        let (residual, sine) = self.residual(f_first, normal);
+        basis.tr_mul(&(normal + f_first * (residual * self.translation.dot(f_first) / sine))) / sine
     }
 
     /// Replaces the direction by the best of a few that two tracks alone determine, `n_a × n_b`, if that is better.
@@ -97,14 +101,18 @@ impl<T: Real> Pair<T> {
         let sample = &sample[..count];
         let cost = |translation: &Vector3<T>| {
             let candidate = Self { translation: *translation, ..*self };
-            sample.iter().fold(T::ZERO, |sum, (f_first, normal)| sum - candidate.weights(f_first, normal, scale).0)
+            sample.iter().fold(T::ZERO, |sum, (f_first, normal)| {
+                let (residual, _) = candidate.residual(f_first, normal);
+                sum - cauchy(residual * residual / (scale * scale))
+            })
         };
         let mut best = (cost(&self.translation), self.translation);
         if self.translation == Vector3::zeros() {
             best.0 = T::ZERO;
         }
         for hypothesis in 0..HYPOTHESES {
-            let (Some((_, a)), Some((_, b))) = (sample.get(hypothesis * 7 % count), sample.get((hypothesis * 13 + count / 2) % count)) else {
+            let (Some((_, a)), Some((_, b))) = (sample.get(hypothesis * 7 % count), sample.get((hypothesis * 13 + count / 2) % count))
+            else {
                 continue;
             };
             let across_both = a.cross(b);
@@ -120,39 +128,57 @@ impl<T: Real> Pair<T> {
         self.translation = best.1;
     }
 
-    /// Finds the direction for the present rotation.
+    /// Two Gauss-Newton steps of the direction for the present rotation.
     fn fit_translation<B: Bearings<T>>(&mut self, bearings: &B, scale: T) -> Option<()> {
-        let mut scatter = Matrix3::zeros();
-        for (f_first, f_second) in shared(bearings, self.first, self.second) {
-            let normal = f_first.cross(&(self.rotation * f_second));
-            let (robust, geometric) = self.weights(&f_first, &normal, scale);
-            scatter += normal * normal.transpose() * (robust * geometric);
+        for _ in 0..2 {
+            let basis = across(&self.translation);
+            let (mut information, mut gradient) = (Matrix2::<T>::identity(), Vector2::<T>::zeros());
+            for (f_first, f_second) in shared(bearings, self.first, self.second) {
+                let normal = f_first.cross(&(self.rotation * f_second));
+                let (residual, _) = self.residual(&f_first, &normal);
+                let slope = self.d_residual_d_translation(&basis, &f_first, &normal);
+                let weight = redescending(residual, scale);
+                information += slope * slope.transpose() * weight;
+                gradient += slope * (residual * weight);
+            }
+            let turn = -(information.try_inverse()? * gradient);
+            self.turn_translation(&turn);
         }
-        let size = scatter.trace();
-        if !(size.is_usable() && size > T::ZERO) {
-            return None;
-        }
-        let eigen = SymmetricEigen::try_new(scatter / size, T::default_epsilon(), 64)?;
-        self.translation = eigen.eigenvectors.column(eigen.eigenvalues.argmin().0).into_owned();
-        Some(())
+        self.translation.iter().all(|value| value.is_usable()).then_some(())
     }
 
-    fn equations<B: Bearings<T>>(&self, bearings: &B, scale: T, sigma: T, residuals: &mut Histogram) -> Option<PairEquations<T>> {
+    /// Moves the direction along with a step of the bias.
+    fn follow(&mut self, step: &Vector3<T>) {
+        let (inverse, gradient, coupling) = &self.eliminated;
+        let turn = -(inverse * (gradient + coupling.tr_mul(step)));
+        self.turn_translation(&turn);
+    }
+
+    fn turn_translation(&mut self, turn: &Vector2<T>) {
+        let longest = T::of(0.3);
+        let length = turn.norm();
+        let shortened = if length > longest { turn * (longest / length) } else { *turn };
+        let moved = self.translation + across(&self.translation) * shortened;
+        if self.translation != Vector3::zeros() {
+            self.translation = moved.normalize();
+        }
+    }
+
+    fn equations<B: Bearings<T>>(&mut self, bearings: &B, scale: T, sigma: T, residuals: &mut Histogram) -> Option<PairEquations<T>> {
         let basis: Matrix3x2<T> = across(&self.translation);
         let (mut h_bb, mut g_b) = (Matrix3::<T>::zeros(), Vector3::<T>::zeros());
         let (mut h_bt, mut h_tt, mut g_t) = (Matrix3x2::<T>::zeros(), Matrix2::<T>::zeros(), Vector2::<T>::zeros());
         let (mut parallaxes, mut count) = (Histogram::new(), 0_usize);
         for (f_first, f_second) in shared(bearings, self.first, self.second) {
             let normal = f_first.cross(&(self.rotation * f_second));
-            let (robust, geometric) = self.weights(&f_first, &normal, scale);
-            let residual = self.translation.dot(&normal);
-            residuals.add(residual * geometric.root());
+            let (residual, sine) = self.residual(&f_first, &normal);
+            residuals.add(residual);
             parallaxes.add(normal.norm());
             count += 1;
             let arm = self.rotation.tr_mul(&self.translation.cross(&f_first));
-            let d_bias = self.d_rotation.tr_mul(&-arm.cross(&f_second));
-            let d_translation = basis.tr_mul(&normal);
-            let weight = robust * geometric / (scale * scale);
+            let d_bias = self.d_rotation.tr_mul(&-arm.cross(&f_second)) / sine;
+            let d_translation = self.d_residual_d_translation(&basis, &f_first, &normal);
+            let weight = redescending(residual, scale);
             h_bb += d_bias * d_bias.transpose() * weight;
             h_bt += d_bias * d_translation.transpose() * weight;
             h_tt += d_translation * d_translation.transpose() * weight;
@@ -164,6 +190,7 @@ impl<T: Real> Pair<T> {
         }
         // A direction is known to a radian at least.
         let inverse = (h_tt + Matrix2::identity()).try_inverse()?;
+        self.eliminated = (inverse, g_t, h_bt);
         let mut information = h_bb - h_bt * inverse * h_bt.transpose();
         let mut gradient = g_b - h_bt * inverse * g_t;
 
@@ -213,6 +240,7 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
         translation: Vector3::zeros(),
         rotation: Matrix3::identity(),
         d_rotation: Matrix3::identity(),
+        eliminated: (Matrix2::zeros(), Vector2::zeros(), Matrix3x2::zeros()),
     };
     let mut pairs = [empty; PAIRS];
     let mut pair_count = 0;
@@ -242,7 +270,7 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
             let between = (first.first_from_body.inverse() * second.first_from_body).to_rotation_matrix().into_inner();
             pair.rotation = body_from_camera.transpose() * between * body_from_camera;
             pair.d_rotation = body_from_camera.transpose() * (second.d_rotation_d_gyro - between.tr_mul(&first.d_rotation_d_gyro));
-            if iteration < SAMPLED_ITERATIONS {
+            if iteration < NEIGHBOURS_ONLY + 4 || iteration % 3 == 0 {
                 pair.sample_translation(bearings, scale);
             }
             if pair.fit_translation(bearings, scale).is_none() {
@@ -269,7 +297,8 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
             step *= longest / length;
         }
         bias += step;
-        if length < T::of(1e-4) && iteration >= SAMPLED_ITERATIONS {
+        pairs.iter_mut().take(active).for_each(|pair| pair.follow(&step));
+        if length < T::of(2e-4) && iteration > NEIGHBOURS_ONLY {
             break;
         }
     }
@@ -280,7 +309,13 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
     if residual_px > config.maximum_median_residual * config.sigma_px * T::of(1.5) || inlier_ratio < config.minimum_inlier_ratio {
         return Err(InitError::Agreement(residual_px, inlier_ratio));
     }
-    Ok(GyroBias { gyro_rad_s: bias, sigma_rad_s: covariance.diagonal().map(|v| v.max(T::ZERO).root()), residual_px, inlier_ratio, pairs: used })
+    Ok(GyroBias {
+        gyro_rad_s: bias,
+        sigma_rad_s: covariance.diagonal().map(|v| v.max(T::ZERO).root()),
+        residual_px,
+        inlier_ratio,
+        pairs: used,
+    })
 }
 
 /// Marks observations that are outliers in more than half of their pairs; the share of inliers over all pairs.
@@ -293,8 +328,7 @@ fn vote<T: Real, B: Bearings<T>>(pairs: &[Pair<T>], bearings: &B, landmarks: &mu
                 continue;
             };
             let normal = f_first.cross(&(pair.rotation * f_second));
-            let (_, geometric) = pair.weights(&f_first, &normal, limit);
-            let is_outlier = (pair.translation.dot(&normal) * geometric.root()).abs() > limit;
+            let is_outlier = pair.residual(&f_first, &normal).0.abs() > limit;
             total += 1;
             inliers += u32::from(!is_outlier);
             for frame in [pair.first, pair.second] {
@@ -314,6 +348,12 @@ fn vote<T: Real, B: Bearings<T>>(pairs: &[Pair<T>], bearings: &B, landmarks: &mu
 fn shared<T: Real, B: Bearings<T>>(bearings: &B, first: usize, second: usize) -> impl Iterator<Item = (Vector3<T>, Vector3<T>)> + '_ {
     (0..bearings.landmark_count())
         .filter_map(move |landmark| Some((bearings.bearing(landmark, first)?, bearings.bearing(landmark, second)?)))
+}
+
+/// Weight of Geman and McClure's kernel, 1/rad².
+fn redescending<T: Real>(residual: T, scale: T) -> T {
+    let weight = cauchy(residual * residual / (scale * scale)) / scale;
+    weight * weight
 }
 
 /// Weight of Cauchy's kernel with its knee at two standard deviations.

@@ -6,8 +6,8 @@
 //! Bearings ──────────────────────────┴───────────┴────────────┘
 //! ```
 //! The moving start reads `K` frames, `K − 1` links between neighbours, and the bearings of the tracks. Between
-//! neighbouring frames the inertial samples are trusted exactly, so that the whole motion has 11 parameters: the first
-//! velocity, the direction of gravity and both biases. Every landmark is eliminated from the normal equations.
+//! neighbouring frames the inertial samples are trusted exactly, so that the whole motion has 14 parameters: the first
+//! velocity, the direction of gravity, both biases and a growth of the accelerometer's. Every landmark is eliminated from the normal equations.
 
 mod alignment;
 mod chain;

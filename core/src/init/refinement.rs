@@ -1,17 +1,18 @@
 //! The most likely motion of the start: all bearings, the inertial samples as one rigid curve.
 //!
 //! # Model
-//! Parameters `x = [v₀ g b_a b_g]`, 11 degrees of freedom: `g` on the sphere of known radius, the rest additive. A landmark is
+//! Parameters `x = [v₀ g b_a b_g ḃ_a]`, 14 degrees of freedom: `g` on the sphere of known radius, the rest additive; `ḃ_a` is a
+//! steady growth of the accelerometer bias. A landmark is
 //! a direction `u` in the camera `a` that saw it first, and an inverse distance ρ. In the body frame of the first image
 //! ```text
 //! q = R_a u + ρ (c_a − c_i)          3×1, R_a, c: orientation and centre of a camera, m
 //! e = B(f)ᵀ R_iᵀ q / (fᵀ R_iᵀ q)     2×1, tangent of the angle off the measured bearing f
-//! c = v₀ t + ½ g t² + α(b) + R(b_g) t_BC
+//! c = v₀ t + ½ g t² + α(b, ḃ_a) + R(b_g) t_BC
 //! ```
 //! and with `h = R_iᵀ q` in the camera, `d = fᵀ h`, body-frame vectors in the first body frame, `φ` and `∂α` from the chain,
 //! ```text
 //! ∂e/∂h = (Bᵀ − e fᵀ)/d      2×3     ∂h/∂δu = R_iᵀ R_a B(u)   3×2     ∂h/∂ρ = R_iᵀ (c_a − c_i)   3×1
-//! ∂h/∂x = [h]× R_CB φ_i δb_g + R_iᵀ (−R_a [u]× R_CB φ_a δb_g + ρ (∂c_a − ∂c_i))                    3×11
+//! ∂h/∂x = [h]× R_CB φ_i δb_g + R_iᵀ (−R_a [u]× R_CB φ_a δb_g + ρ (∂c_a − ∂c_i))                    3×14
 //! ```
 //! Levenberg-Marquardt on Cauchy's kernel with the three numbers of each landmark eliminated.
 //!
@@ -29,13 +30,15 @@ use crate::imu::ImuBias;
 use crate::lie::so3;
 use crate::real::Real;
 
-/// `[v₀ δg b_a b_g]`.
-pub(super) const PARAMETERS: usize = 11;
+/// `[v₀ δg b_a b_g ḃ_a]`.
+pub(super) const PARAMETERS: usize = 14;
 const VELOCITY: usize = 0;
 const GRAVITY: usize = 3;
 const ACCEL: usize = 5;
 const GYRO: usize = 8;
-const ITERATIONS: usize = 12;
+const DRIFT: usize = 11;
+/// `(width of the kernel, iterations at most, relative gain that ends the stage)`: a wide kernel first carries a poor start close.
+const STAGES: [(f64, usize, f64); 2] = [(5.0, 10, 1e-2), (1.0, 30, 2e-5)];
 
 type Row<T> = SMatrix<T, 3, PARAMETERS>;
 type Information<T> = SMatrix<T, PARAMETERS, PARAMETERS>;
@@ -47,6 +50,8 @@ pub(super) struct Motion<T: Real> {
     pub velocity: Vector3<T>,
     pub gravity: Vector3<T>,
     pub bias: ImuBias<T>,
+    /// `ḃ_a`, m/s³.
+    pub drift: Vector3<T>,
 }
 
 impl<T: Real> Motion<T> {
@@ -60,10 +65,11 @@ impl<T: Real> Motion<T> {
                 gyro_rad_s: self.bias.gyro_rad_s + step.fixed_rows::<3>(GYRO),
                 accel_m_s2: self.bias.accel_m_s2 + step.fixed_rows::<3>(ACCEL),
             },
+            drift: self.drift + step.fixed_rows::<3>(DRIFT),
         }
     }
 
-    /// `p_i` of the body in its first frame, and its derivative, 3×11.
+    /// `p_i` of the body in its first frame, and its derivative, 3×14.
     pub(super) fn body(&self, node: &Node<T>) -> (Vector3<T>, Row<T>) {
         let half_squared = node.time_s * node.time_s * T::of(0.5);
         let magnitude = self.gravity.norm();
@@ -73,7 +79,8 @@ impl<T: Real> Motion<T> {
         d_position.fixed_columns_mut::<2>(GRAVITY).copy_from(&(across(&(self.gravity / magnitude)) * (magnitude * half_squared)));
         d_position.fixed_columns_mut::<3>(ACCEL).copy_from(&node.d_position_d_bias.fixed_columns::<3>(3));
         d_position.fixed_columns_mut::<3>(GYRO).copy_from(&node.d_position_d_bias.fixed_columns::<3>(0));
-        (self.velocity * node.time_s + self.gravity * half_squared + node.position, d_position)
+        d_position.fixed_columns_mut::<3>(DRIFT).copy_from(&node.d_position_d_drift);
+        (self.velocity * node.time_s + self.gravity * half_squared + node.position + node.d_position_d_drift * self.drift, d_position)
     }
 }
 
@@ -98,12 +105,8 @@ impl<T: Real> Views<T> {
         let chain = Chain::new(links, &motion.bias);
         let body_from_camera_turn = body_from_camera.rotation.to_rotation_matrix().into_inner();
         let lever = body_from_camera.translation.vector;
-        let empty = View {
-            first_from_camera: Matrix3::identity(),
-            centre: Vector3::zeros(),
-            d_centre: Row::zeros(),
-            d_turn: Matrix3::zeros(),
-        };
+        let empty =
+            View { first_from_camera: Matrix3::identity(), centre: Vector3::zeros(), d_centre: Row::zeros(), d_turn: Matrix3::zeros() };
         let mut views = [empty; MAX_INIT_FRAMES];
         for (view, node) in views.iter_mut().zip(chain.nodes()) {
             let first_from_body = node.first_from_body.to_rotation_matrix().into_inner();
@@ -128,14 +131,20 @@ impl<T: Real> Views<T> {
 /// One bearing, linearised.
 pub(super) struct Linear<T: Real> {
     pub residual: Vector2<T>,
-    /// 2×11
+    /// 2×14
     pub d_motion: SMatrix<T, 2, PARAMETERS>,
     /// `[δu δρ]`, 2×3
     pub d_landmark: Matrix2x3<T>,
 }
 
 /// `None` when the point is not in front of the camera.
-pub(super) fn residual<T: Real>(anchor: &View<T>, view: &View<T>, u: &Vector3<T>, rho: T, f: &Vector3<T>) -> Option<(Vector2<T>, Vector3<T>, T)> {
+pub(super) fn residual<T: Real>(
+    anchor: &View<T>,
+    view: &View<T>,
+    u: &Vector3<T>,
+    rho: T,
+    f: &Vector3<T>,
+) -> Option<(Vector2<T>, Vector3<T>, T)> {
     let h = view.first_from_camera.tr_mul(&(anchor.first_from_camera * u + (anchor.centre - view.centre) * rho));
     let depth = f.dot(&h);
     (depth > T::of(0.05)).then(|| (across(f).tr_mul(&h) / depth, h, depth))
@@ -173,6 +182,7 @@ pub(super) struct Refined<T: Real> {
     pub median_residual_px: T,
     pub inlier_ratio: T,
     pub observations: usize,
+    pub is_converged: bool,
 }
 
 /// The problem that does not change while it is solved.
@@ -197,6 +207,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         let mut prior = Gradient::zeros();
         prior.fixed_rows_mut::<3>(VELOCITY).fill(precision(T::of(10.0)));
         prior.fixed_rows_mut::<3>(ACCEL).fill(precision(self.config.sigma_accel_bias_m_s2));
+        prior.fixed_rows_mut::<3>(DRIFT).fill(precision(self.config.sigma_accel_drift_m_s3));
         prior.fixed_rows_mut::<3>(GYRO).fill(precision(self.config.sigma_gyro_bias_rad_s));
         prior
     }
@@ -206,23 +217,25 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         let mut x = Gradient::zeros();
         x.fixed_rows_mut::<3>(VELOCITY).copy_from(&motion.velocity);
         x.fixed_rows_mut::<3>(ACCEL).copy_from(&motion.bias.accel_m_s2);
+        x.fixed_rows_mut::<3>(DRIFT).copy_from(&motion.drift);
         x.fixed_rows_mut::<3>(GYRO).copy_from(&motion.bias.gyro_rad_s);
         x
     }
 
-    fn cost(&self, motion: &Motion<T>, landmarks: &[InitLandmark<T>]) -> T {
+    fn cost(&self, motion: &Motion<T>, landmarks: &[InitLandmark<T>], width: T) -> T {
         let views = Views::new(motion, self.links, self.body_from_camera);
         let x = Self::from_prior(motion);
         let mut cost = x.component_mul(&x).dot(&self.prior());
         let variance = self.config.sigma_rad() * self.config.sigma_rad();
+        let knee = width * width * T::of(4.0);
         for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
             let Some(anchor) = views.as_slice().get(landmark.anchor) else { continue };
             for (frame, view) in views.as_slice().iter().enumerate() {
                 let Some(f) = self.observation(landmark, index, frame) else { continue };
                 let whitened = residual(anchor, view, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
                     .map_or(T::of(1e4), |(e, ..)| e.norm_squared() / variance);
-                // 4 log(1 + s/4): the kernel whose weight is `cauchy`.
-                cost += (T::one() + whitened * T::of(0.25)).ln() * T::of(4.0);
+                // k log(1 + s/k): the kernel whose weight is `cauchy`.
+                cost += (T::one() + whitened / knee).ln() * knee;
             }
         }
         cost
@@ -238,6 +251,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         views: &[View<T>],
         index: usize,
         landmark: &InitLandmark<T>,
+        width: T,
         mut dense: Option<(&mut Information<T>, &mut Gradient<T>)>,
     ) -> LandmarkEquations<T> {
         let mut equations = LandmarkEquations { own: Matrix3::zeros(), own_gradient: Vector3::zeros(), cross: SMatrix::zeros() };
@@ -246,12 +260,10 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         for (frame, view) in views.iter().enumerate() {
             let Some(f) = self.observation(landmark, index, frame) else { continue };
             let is_anchor = frame == landmark.anchor;
-            let Some(linear) =
-                linearize(anchor, view, is_anchor, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
-            else {
+            let Some(linear) = linearize(anchor, view, is_anchor, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f) else {
                 continue;
             };
-            let weight = cauchy(linear.residual.norm_squared() / variance) / variance;
+            let weight = cauchy(linear.residual.norm_squared() / (variance * width * width)) / variance;
             let weighted = linear.d_landmark * weight;
             equations.own += weighted.tr_mul(&linear.d_landmark);
             equations.own_gradient += weighted.tr_mul(&linear.residual);
@@ -278,13 +290,20 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
     }
 
     /// Information and gradient of the parameters with the landmarks eliminated.
-    fn reduced(&self, motion: &Motion<T>, views: &[View<T>], landmarks: &[InitLandmark<T>], damping: T) -> (Information<T>, Gradient<T>) {
+    fn reduced(
+        &self,
+        motion: &Motion<T>,
+        views: &[View<T>],
+        landmarks: &[InitLandmark<T>],
+        width: T,
+        damping: T,
+    ) -> (Information<T>, Gradient<T>) {
         let prior = self.prior();
         let mut information = Information::from_diagonal(&prior);
         let mut gradient = prior.component_mul(&Self::from_prior(motion));
         for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
             let (before, gradient_before) = (information, gradient);
-            let equations = self.accumulate(views, index, landmark, Some((&mut information, &mut gradient)));
+            let equations = self.accumulate(views, index, landmark, width, Some((&mut information, &mut gradient)));
             if let Some(inverse) = Self::own_inverse(&equations, damping) {
                 let projected = equations.cross * inverse;
                 information -= projected * equations.cross.transpose();
@@ -296,10 +315,10 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         (information, gradient)
     }
 
-    fn step_landmarks(&self, views: &[View<T>], landmarks: &mut [InitLandmark<T>], step: &Gradient<T>, damping: T) {
+    fn step_landmarks(&self, views: &[View<T>], landmarks: &mut [InitLandmark<T>], step: &Gradient<T>, width: T, damping: T) {
         for (index, landmark) in landmarks.iter_mut().enumerate().filter(|(_, landmark)| landmark.is_used) {
             landmark.previous = (landmark.bearing_in_anchor, landmark.inverse_distance_per_m);
-            let equations = self.accumulate(views, index, landmark, None);
+            let equations = self.accumulate(views, index, landmark, width, None);
             let Some(inverse) = Self::own_inverse(&equations, damping) else { continue };
             let own = -(inverse * (equations.own_gradient + equations.cross.tr_mul(step)));
             let moved = landmark.bearing_in_anchor + across(&landmark.bearing_in_anchor) * own.fixed_rows::<2>(0);
@@ -309,48 +328,62 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         }
     }
 
-    /// Minimises from `start`; `None` when a number is not finite or the equations are singular.
-    pub(super) fn solve(&self, start: Motion<T>, landmarks: &mut [InitLandmark<T>]) -> Option<Refined<T>> {
+    /// Levenberg-Marquardt with one kernel; the parameters and whether the gain has died down.
+    fn descend(
+        &self,
+        start: Motion<T>,
+        landmarks: &mut [InitLandmark<T>],
+        width: T,
+        iterations: usize,
+        least_gain: T,
+    ) -> Option<(Motion<T>, bool)> {
         let mut motion = start;
-        let mut cost = self.cost(&motion, landmarks);
+        let mut cost = self.cost(&motion, landmarks, width);
         let mut damping = T::of(1e-4);
-        for _ in 0..ITERATIONS {
+        for _ in 0..iterations {
             let views = Views::new(&motion, self.links, self.body_from_camera);
-            let (mut information, gradient) = self.reduced(&motion, views.as_slice(), landmarks, damping);
+            let (mut information, gradient) = self.reduced(&motion, views.as_slice(), landmarks, width, damping);
             for i in 0..PARAMETERS {
                 information[(i, i)] *= T::one() + damping;
             }
             let step = information.cholesky()?.solve(&-gradient);
-            self.step_landmarks(views.as_slice(), landmarks, &step, damping);
+            self.step_landmarks(views.as_slice(), landmarks, &step, width, damping);
             let candidate = motion.retract(&step);
-            let candidate_cost = self.cost(&candidate, landmarks);
+            let candidate_cost = self.cost(&candidate, landmarks, width);
             if candidate_cost < cost {
                 let gain = (cost - candidate_cost) / cost;
                 (motion, cost) = (candidate, candidate_cost);
                 damping = (damping * T::of(0.1)).max(T::of(1e-6));
-                if gain < T::of(1e-5) {
-                    break;
+                if gain < least_gain {
+                    return Some((motion, true));
                 }
             } else {
                 for landmark in landmarks.iter_mut().filter(|landmark| landmark.is_used) {
                     (landmark.bearing_in_anchor, landmark.inverse_distance_per_m) = landmark.previous;
                 }
                 damping *= T::of(10.0);
-                if !candidate_cost.is_usable() || damping > T::of(1e3) {
-                    break;
+                if damping > T::of(1e3) {
+                    return cost.is_usable().then_some((motion, true));
                 }
             }
         }
-        if !cost.is_usable() {
-            return None;
+        cost.is_usable().then_some((motion, false))
+    }
+
+    /// Minimises from `start`; `None` when a number is not finite or the equations are singular.
+    pub(super) fn solve(&self, start: Motion<T>, landmarks: &mut [InitLandmark<T>]) -> Option<Refined<T>> {
+        let mut motion = start;
+        let mut is_converged = false;
+        for (width, iterations, least_gain) in STAGES {
+            (motion, is_converged) = self.descend(motion, landmarks, T::of(width), iterations, T::of(least_gain))?;
         }
         let views = Views::new(&motion, self.links, self.body_from_camera);
         let (median_residual_px, inlier_ratio, observations) = self.judge(views.as_slice(), landmarks)?;
-        let (information, _) = self.reduced(&motion, views.as_slice(), landmarks, T::ZERO);
+        let (information, _) = self.reduced(&motion, views.as_slice(), landmarks, T::one(), T::ZERO);
         // The assumed noise is widened, never narrowed, to what the residuals show (median of a Rayleigh distribution: 1.1774 σ).
         let shown = (median_residual_px / (self.config.sigma_px * T::of(1.1774))).max(T::one());
         let covariance = information.cholesky()?.inverse() * (shown * shown);
-        Some(Refined { motion, covariance, median_residual_px, inlier_ratio, observations })
+        Some(Refined { motion, covariance, median_residual_px, inlier_ratio, observations, is_converged })
     }
 
     /// Median residual, share of inliers and number of observations; marks the outliers.

@@ -108,7 +108,7 @@ pub fn detect_rest<T: Real>(config: &RestConfig<T>, samples: &[ImuSample<T>], di
     if span_s < config.minimum_span_s || samples.len() < 4 * BLOCKS || !samples.iter().all(ImuSample::is_finite) {
         return Err(Motion::Window(span_s));
     }
-    if let Some(px) = displacement_px.filter(|px| !(*px <= config.maximum_displacement_px)) {
+    if let Some(px) = displacement_px.filter(|px| *px > config.maximum_displacement_px || !px.is_usable()) {
         return Err(Motion::Image(px));
     }
     let rate_hz = T::of((samples.len() - 1) as f64) / span_s;
@@ -138,11 +138,7 @@ pub fn detect_rest<T: Real>(config: &RestConfig<T>, samples: &[ImuSample<T>], di
     let measured = accel.of_blocks / blocks_root;
     let tilt = (config.sigma_accel_bias_m_s2 * config.sigma_accel_bias_m_s2 + measured * measured).root() / config.gravity_m_s2;
     Ok(Rest {
-        state: NavState {
-            world_from_body,
-            bias: ImuBias { gyro_rad_s: gyro.mean, accel_m_s2: Vector3::zeros() },
-            ..NavState::origin()
-        },
+        state: NavState { world_from_body, bias: ImuBias { gyro_rad_s: gyro.mean, accel_m_s2: Vector3::zeros() }, ..NavState::origin() },
         sigma_tilt_rad: tilt,
         sigma_gyro_bias_rad_s: gyro.of_blocks.max(gyro_noise / block_root) / blocks_root,
         accel_spread_m_s2: accel.of_blocks,

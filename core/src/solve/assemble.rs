@@ -87,7 +87,9 @@ pub fn back_substitute<T: Real, const FRAMES: usize, const PAIRS: usize, const P
         let direction = landmark.direction();
         let (mut curvature, mut slope) = (T::ZERO, T::ZERO);
         for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor) {
-            let Some(linear) = workspace.geometry.linearize(settings, anchor, frame, &direction, landmark.inverse_depth, point) else { continue };
+            let Some(linear) = workspace.geometry.linearize(settings, anchor, frame, &direction, landmark.inverse_depth, point) else {
+                continue;
+            };
             let r = &linear.residual;
             let weight = huber.weight(r[0] * r[0] + r[1] * r[1]);
             for (row, value) in r.iter().enumerate() {
@@ -203,7 +205,8 @@ fn add_inertial<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
     settings: &Settings<T>,
     to: usize,
 ) -> T {
-    let (Some(root), Some(before), Some(after)) = (&workspace.imu_square_roots[to], window.frames.get(to - 1), window.frames.get(to)) else {
+    let (Some(root), Some(before), Some(after)) = (&workspace.imu_square_roots[to], window.frames.get(to - 1), window.frames.get(to))
+    else {
         return T::ZERO;
     };
     let linear = imu::linearize(

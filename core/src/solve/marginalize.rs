@@ -169,7 +169,9 @@ fn fold_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
     buffer[..most * width].fill(T::ZERO);
     let mut count = 0;
     for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor && *frame < involved) {
-        let Some(linear) = workspace.geometry.linearize(settings, anchor, frame, &direction, landmark.inverse_depth, point) else { continue };
+        let Some(linear) = workspace.geometry.linearize(settings, anchor, frame, &direction, landmark.inverse_depth, point) else {
+            continue;
+        };
         let r = &linear.residual;
         let root = huber.weight(r[0] * r[0] + r[1] * r[1]).root();
         for k in 0..2 {

@@ -95,7 +95,8 @@ pub struct World {
     pub bias: ImuBias<f64>,
     pub body_from_camera: Isometry3<f64>,
     pub bearings: Vec<Vec<Option<Vector3<f64>>>>,
-    pub is_outlier: Vec<Vec<bool>>,
+    /// Distance of every landmark from every camera, m.
+    pub distances: Vec<Vec<f64>>,
 }
 
 impl Bearings<f64> for World {
@@ -108,7 +109,7 @@ impl Bearings<f64> for World {
 }
 
 /// Angular rate and specific force, raw.
-type Reading = (Vector3<f64>, Vector3<f64>);
+pub type Reading = (Vector3<f64>, Vector3<f64>);
 
 /// Midpoint integration of raw readings at equal intervals.
 fn integrate(readings: &[Reading], step_s: f64, bias: &ImuBias<f64>) -> (UnitQuaternion<f64>, Vector3<f64>, Vector3<f64>) {
@@ -154,17 +155,28 @@ pub fn link(readings: &[Reading], step_s: f64, bias: &ImuBias<f64>) -> InertialL
     link
 }
 
+/// EuRoC's `T_BC`.
+pub fn extrinsics() -> Isometry3<f64> {
+    Isometry3::from_parts(
+        Translation3::new(-0.0216, -0.0647, 0.0098),
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::new(
+            0.0148655429818,
+            -0.999880929698,
+            0.00414029679422, //
+            0.999557249008,
+            0.0149672133247,
+            0.025715529948, //
+            -0.0257744366974,
+            0.00375618835797,
+            0.999660727178,
+        ))),
+    )
+}
+
 impl World {
     pub fn new(setup: &Setup) -> Self {
         let random = &mut Random::new(setup.seed);
-        let body_from_camera = Isometry3::from_parts(
-            Translation3::new(-0.0216, -0.0647, 0.0098),
-            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::new(
-                0.0148655429818, -0.999880929698, 0.00414029679422, //
-                0.999557249008, 0.0149672133247, 0.025715529948, //
-                -0.0257744366974, 0.00375618835797, 0.999660727178,
-            ))),
-        );
+        let body_from_camera = extrinsics();
         let bias = ImuBias { gyro_rad_s: random.vector().normalize() * 0.08, accel_m_s2: random.vector().normalize() * 0.1 };
         let (walk, turn) = (Wave::new(random, 0.1), Wave::new(random, 0.12));
         let drift = random.vector().normalize() * random.between(0.0, 0.3);
@@ -202,28 +214,37 @@ impl World {
                 )
             })
             .collect();
-        let links = (0..setup.frames - 1)
-            .map(|i| link(&readings[i * per_link..=(i + 1) * per_link], step_s, &ImuBias::default()))
-            .collect();
+        let links =
+            (0..setup.frames - 1).map(|i| link(&readings[i * per_link..=(i + 1) * per_link], step_s, &ImuBias::default())).collect();
         let truth: Vec<_> = (0..setup.frames)
             .map(|i| {
                 let t = (i * per_link) as f64 * step_s;
-                NavState {
-                    world_from_body: attitude(t),
-                    position_in_world: position(t, 0),
-                    velocity_in_world: position(t, 1),
-                    bias,
-                }
+                NavState { world_from_body: attitude(t), position_in_world: position(t, 0), velocity_in_world: position(t, 1), bias }
             })
             .collect();
-        let mut world = Self { links, truth, bias, body_from_camera, bearings: Vec::new(), is_outlier: Vec::new() };
+        let mut world = Self { links, truth, bias, body_from_camera, bearings: Vec::new(), distances: Vec::new() };
         while world.bearings.len() < setup.points {
             world.add_point(random, setup);
         }
         world
     }
 
-    fn add_point(&mut self, random: &mut Random, setup: &Setup) {
+    /// The links in single precision.
+    pub fn narrow(&self) -> Vec<InertialLink<f32>> {
+        let narrow = |link: &InertialLink<f64>| InertialLink {
+            span_s: link.span_s as f32,
+            bias: ImuBias { gyro_rad_s: link.bias.gyro_rad_s.cast(), accel_m_s2: link.bias.accel_m_s2.cast() },
+            rotation: link.rotation.cast(),
+            velocity: link.velocity.cast(),
+            position: link.position.cast(),
+            d_rotation_d_gyro: link.d_rotation_d_gyro.cast(),
+            d_velocity_d_bias: link.d_velocity_d_bias.cast(),
+            d_position_d_bias: link.d_position_d_bias.cast(),
+        };
+        self.links.iter().map(narrow).collect()
+    }
+
+    pub fn add_point(&mut self, random: &mut Random, setup: &Setup) {
         let frames = self.truth.len();
         let home = (random.unit() * frames as f64) as usize;
         let ray = Vector3::new(random.between(-0.75, 0.75), random.between(-0.5, 0.5), 1.0);
@@ -232,8 +253,9 @@ impl World {
         let length = ((random.between(0.3, 1.4) * frames as f64) as usize).max(3);
         let first = home.saturating_sub((random.unit() * length as f64) as usize);
         let mut row = std::vec![None; frames];
-        let mut wrong = std::vec![false; frames];
-        for frame in first..frames.min(first + length) {
+        let cameras = self.truth.iter().map(|state| state.pose() * self.body_from_camera);
+        self.distances.push(cameras.map(|camera| (camera.inverse() * point).coords.norm()).collect());
+        for (frame, bearing) in row.iter_mut().enumerate().skip(first).take(length) {
             let seen = (self.truth[frame].pose() * self.body_from_camera).inverse() * point;
             let noise = Vector3::new(random.normal(), random.normal(), 0.0) * (setup.noise_px / FOCAL_PX);
             let is_outlier = random.unit() < setup.outliers;
@@ -241,11 +263,9 @@ impl World {
             let off = Vector3::new(turn.cos(), turn.sin(), 0.0) * (random.between(5.0, 50.0) / FOCAL_PX);
             let pixel = seen.coords / seen.z + noise + if is_outlier { off } else { Vector3::zeros() };
             if seen.z > 0.2 && pixel.x.abs() < 0.8 && pixel.y.abs() < 0.52 {
-                row[frame] = Some(pixel.normalize());
-                wrong[frame] = is_outlier;
+                *bearing = Some(pixel.normalize());
             }
         }
         self.bearings.push(row);
-        self.is_outlier.push(wrong);
     }
 }

@@ -19,10 +19,11 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use libella_core::imu::{ImuNoise, ImuSample};
 use libella_core::time::Timestamp;
 
-use super::render::{DepthMap, GrayImage};
+use super::render::DepthMap;
 use super::scene::Scene;
 use super::stream::RenderedFlight;
 use super::{SimError, TruthState, euroc};
+use crate::dataset::GrayImage;
 
 /// What goes into the folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -281,6 +282,15 @@ mod tests {
             assert!(row.world_from_body.angle_to(&truth.state.world_from_body) < 1e-7);
             assert!((row.bias.gyro_rad_s - truth.state.bias.gyro_rad_s).norm() < 1e-8);
         }
+        // The reader of recordings finds nothing odd about it, and the same rig.
+        let recording = crate::dataset::open(folder.path(), &crate::config::DatasetSection::default()).unwrap();
+        assert!(recording.remarks.is_empty(), "{:?}", recording.remarks);
+        assert_eq!((recording.imu.len(), recording.frames.len()), (201, 21));
+        assert_eq!(recording.rig.camera, euroc::camera(0));
+        assert_eq!(recording.rig.imu_noise, rendered.flight.imu_noise);
+        let difference = recording.rig.body_from_camera.to_homogeneous() - euroc::body_from_camera(0).to_homogeneous();
+        assert!(difference.norm() < 1e-9, "{difference}");
+        assert!(recording.truth_is_level && recording.truth.is_some());
         // The file holds the very pixels of the stream, and the depth in millimetres.
         let second = rendered.flight.frame_stamps[1];
         let (stamp, streamed) = rendered.stream().unwrap().nth(1).unwrap();

@@ -7,7 +7,8 @@ use libella_core::image::{ImageView, PyramidPair, pyramid_bytes};
 use libella_core::track::detect::{Corner, DetectConfig, detect};
 use libella_core::track::{FrontEnd, FrontEndConfig, TrackId};
 
-use super::{GrayImage, MotionSource, RealMotionConfig, RenderConfig, RenderedFlight, euroc};
+use super::{MotionSource, RealMotionConfig, RenderConfig, RenderedFlight, euroc};
+use crate::dataset::GrayImage;
 
 const BYTES: usize = pyramid_bytes(752, 480, 4);
 

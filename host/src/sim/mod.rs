@@ -34,7 +34,7 @@ pub use features::FeatureConfig;
 pub use flight::{Flight, ImuSource, RealMotionConfig};
 pub use imu::ImuConfig;
 pub use photometry::PhotometryConfig;
-pub use render::{DepthMap, GrayImage, RenderConfig, Renderer, World};
+pub use render::{DepthMap, RenderConfig, Renderer, World};
 pub use scene::{RoomConfig, Scene};
 pub use stream::{ImageStream, MotionSource, RenderedFlight};
 pub use trajectory::{AnalyticConfig, Motion, MotionKind, Trajectory};

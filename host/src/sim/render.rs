@@ -19,17 +19,7 @@ use super::photometry::{Photometry, PhotometryConfig};
 use super::scene::Scene;
 use super::surface::{self, Surface};
 use super::trajectory::Trajectory;
-
-/// Eight-bit grey pixels, row by row.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct GrayImage {
-    /// Width, px.
-    pub width: usize,
-    /// Height, px.
-    pub height: usize,
-    /// `width · height` values.
-    pub pixels: Vec<u8>,
-}
+use crate::dataset::GrayImage;
 
 /// What lies behind every pixel centre.
 #[derive(Debug, Clone, PartialEq)]

@@ -203,6 +203,18 @@ fn refuses_an_exposure_longer_than_the_interval_of_images() {
     assert_eq!(error.to_string(), "render.exposure_s = 0.2 is outside of the allowed range 0 to 0.03");
 }
 
+/// Writes a rendered recording: `ASL=folder MOTION=easy SEED=1 cargo test -p libella-host write_recording -- --ignored`.
+#[test]
+#[ignore = "writes a recording for the odometry to run on"]
+fn write_recording() {
+    use crate::sim::{AslOptions, MotionSource, RenderedFlight, write_asl};
+    let folder = std::env::var("ASL").unwrap_or("target/rendered".into());
+    let seed = std::env::var("SEED").ok().and_then(|text| text.parse().ok()).unwrap_or(1);
+    let source = MotionSource::parse(&std::env::var("MOTION").unwrap_or("easy".into()), 60.0).unwrap();
+    let rendered = RenderedFlight::new(&source, &RenderConfig::default(), seed, seed).unwrap();
+    write_asl(folder.as_ref(), &rendered, &AslOptions { right_camera: false, depth: false }, &mut |_, _| true).unwrap();
+}
+
 /// Writes pictures to look at, and prints the speed: `LOOK=folder cargo test -p libella-host look -- --ignored --nocapture`.
 #[test]
 #[ignore = "writes pictures for the eye"]

@@ -9,10 +9,11 @@ use nalgebra::Vector3;
 
 use super::features::FeatureConfig;
 use super::flight::{Flight, RealMotionConfig};
-use super::render::{GrayImage, RenderConfig, Renderer, World};
+use super::render::{RenderConfig, Renderer, World};
 use super::scene::{RoomConfig, Scene};
 use super::trajectory::AnalyticConfig;
 use super::{ImuConfig, MotionKind, SimError, euroc};
+use crate::dataset::GrayImage;
 
 /// A flight through a rendered room.
 #[derive(Clone)]

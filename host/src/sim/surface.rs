@@ -150,11 +150,7 @@ fn lamps(scene: &Scene, seed: u64) -> Vec<Lamp> {
         let reach_squared = length * width / 16.0;
         for (u, v) in [(0.27, 0.3), (0.72, 0.25), (0.3, 0.74), (0.75, 0.7)] {
             let position = ceiling.point(length * (u + random.between(-0.05, 0.05)), width * (v + random.between(-0.05, 0.05)));
-            lamps.push(Lamp {
-                position: position + ceiling.normal * 0.25,
-                power: random.between(0.2, 0.95) * reach_squared,
-                facing: None,
-            });
+            lamps.push(Lamp { position: position + ceiling.normal * 0.25, power: random.between(0.2, 0.95) * reach_squared, facing: None });
         }
     }
     for window in scene.quads.iter().filter(|quad| quad.material == Material::Window && quad.size_m[0] * quad.size_m[1] > 0.5) {

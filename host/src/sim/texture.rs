@@ -202,7 +202,7 @@ impl Paint {
                 let (stain, tone) = other.spot(u * 2.3, v * 2.3, 0.3);
                 let (chip, chip_tone) = n.spot(u * 13.0, v * 13.0, 0.03);
                 let joint = self.pen.line(repeat(u, 2.0).1 - 1.0, 0.004).max(self.pen.line(repeat(v, 2.0).1 - 1.0, 0.004));
-                let base = 0.27 + 0.07 * n.fractal(u * 1.3, v * 1.3, 4) + 0.05 * n.fractal(u * 70.0, v * 70.0, 2);
+                let base = 0.27 + 0.07 * n.fractal(u * 1.3, v * 1.3, 4) + 0.03 * n.fractal(u * 70.0, v * 70.0, 2);
                 let base = blend(base, 0.18 + 0.3 * tone, 0.3 * stain);
                 blend(blend(base, if chip_tone > 0.6 { 0.7 } else { 0.1 }, chip * 0.8), 0.1, 0.7 * joint)
             }

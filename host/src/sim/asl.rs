@@ -41,7 +41,7 @@ impl Default for AslOptions {
 }
 
 /// Writes a flight as a EuRoC folder; `progress` hears after each image how many of how many are done, and stops the writing by
-/// returning `false`. Tables are written first, so that what is there of an interrupted folder can be read up to its last image.
+/// returning `false`; the tables of images then end with the last one that is there.
 ///
 /// # Errors
 /// A file that cannot be written, or a parameter out of range.
@@ -73,6 +73,7 @@ pub fn write_asl(
 
     // One thread compresses while the others render.
     let (sender, receiver) = sync_channel::<(std::path::PathBuf, Picture)>(4);
+    let mut written = 0;
     std::thread::scope(|scope| {
         let writer = scope.spawn(move || {
             for (path, picture) in receiver {
@@ -97,13 +98,18 @@ pub fn write_asl(
                     break 'flight;
                 }
             }
-            if !progress(index + 1, stamps.len()) {
+            written = index + 1;
+            if !progress(written, stamps.len()) {
                 break;
             }
         }
         drop(sender);
         writer.join().unwrap_or_else(|_| Err(SimError::file(folder, "the writing thread ended")))
-    })
+    })?;
+    for camera in cameras.iter().filter(|_| written < stamps.len()) {
+        write(&mav0.join(format!("cam{camera}/data.csv")), image_table(&stamps[..written]).as_bytes())?;
+    }
+    Ok(())
 }
 
 /// What the writing thread gets.
@@ -269,10 +275,10 @@ mod tests {
         let mut heard = Vec::new();
         write_asl(folder.path(), &rendered, &AslOptions { right_camera: true, depth: true }, &mut |done, all| {
             heard.push((done, all));
-            done < 2
+            true
         })
         .unwrap();
-        assert_eq!(heard, [(1, 21), (2, 21)]);
+        assert_eq!(heard, (1..=21).map(|done| (done, 21)).collect::<Vec<_>>());
 
         let read = euroc::RecordedMotion::read(folder.path()).unwrap();
         assert_eq!(read.imu, rendered.flight.imu);
@@ -302,6 +308,15 @@ mod tests {
         let depth = renderer.depth(&rendered.flight.world_from_camera(second, renderer.body_from_camera()));
         let stored = open("cam0/depth").into_luma16().into_raw();
         assert!(stored.iter().zip(&depth.depth_m).all(|(stored, exact)| (f64::from(*stored) - exact * 1e3).abs() <= 0.5 + 1e-9));
+    }
+
+    #[test]
+    fn writing_stops_when_nobody_wants_more() {
+        let folder = tempfile::tempdir().unwrap();
+        write_asl(folder.path(), &short(), &AslOptions { right_camera: false, depth: false }, &mut |done, _| done < 2).unwrap();
+        assert_eq!(std::fs::read_dir(folder.path().join("mav0/cam0/data")).unwrap().count(), 2);
+        let recording = crate::dataset::open(folder.path(), &crate::config::DatasetSection::default()).unwrap();
+        assert_eq!(recording.frames.len(), 2);
     }
 
     #[test]

@@ -114,7 +114,7 @@ impl Surface {
     }
 }
 
-/// How finely a rectangle is sampled: 2 mm on pictures, 3 mm on things, 4 mm on walls, 8 mm overhead, never more than 4 million texels.
+/// How finely a rectangle is sampled: 2 mm on pictures, 3 mm on things, 4 mm on walls, 8 mm overhead, coarser on what is large.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 fn texel_counts(quad: &Quad) -> [usize; 2] {
     if quad.material == Material::Checkerboard {
@@ -122,13 +122,14 @@ fn texel_counts(quad: &Quad) -> [usize; 2] {
         return CHECKERBOARD_SQUARES.map(|squares| (squares + 1) * 40);
     }
     let area = quad.size_m[0] * quad.size_m[1];
-    let base = match quad.material {
-        Material::PlayMat | Material::Poster | Material::Tape => 0.002,
-        Material::Ceiling => 0.008,
-        _ if area > 8.0 => 0.004,
-        _ => 0.003,
+    // The finest texel and the most of them: a hall is seen from further away than a room.
+    let (base, most) = match quad.material {
+        Material::PlayMat | Material::Poster | Material::Tape => (0.002, 6e5),
+        Material::Ceiling => (0.008, 1e6),
+        _ if area > 8.0 => (0.004, 4e6),
+        _ => (0.003, 2.5e5),
     };
-    let texel_m = f64::max(base, (area / 4e6).sqrt());
+    let texel_m = f64::max(base, (area / most).sqrt());
     quad.size_m.map(|side| ((side / texel_m).ceil() as usize).max(2))
 }
 

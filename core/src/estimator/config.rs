@@ -38,6 +38,8 @@ pub struct EstimatorConfig<T: Real> {
     pub longest_coast_s: T,
     /// Shortest stretch of motion for initialisation, s.
     pub shortest_initialisation_s: T,
+    /// Longest stretch of motion that the moving start looks back on, s.
+    pub longest_initialisation_s: T,
     /// Time between the frames that the moving start uses, s.
     pub initialisation_spacing_s: T,
     /// Largest relative standard deviation of the scale that the moving start accepts.
@@ -63,8 +65,8 @@ impl<T: Real> Default for EstimatorConfig<T> {
     fn default() -> Self {
         Self {
             imu_noise: ImuNoise::adis16448(),
-            imu_noise_inflation: T::of(2.0),
-            imu_walk_inflation: T::of(2.0),
+            imu_noise_inflation: T::of(4.0),
+            imu_walk_inflation: T::of(4.0),
             gravity_m_s2: T::of(9.81),
             sigma_px: T::of(0.35),
             huber: T::of(2.0),
@@ -78,6 +80,7 @@ impl<T: Real> Default for EstimatorConfig<T> {
             least_tracked: 8,
             longest_coast_s: T::of(5.0),
             shortest_initialisation_s: T::of(1.2),
+            longest_initialisation_s: T::of(4.0),
             initialisation_spacing_s: T::of(0.18),
             initialisation_scale_sigma: T::of(0.15),
             first_sigma: FirstSigma {

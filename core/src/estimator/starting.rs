@@ -36,18 +36,35 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         }
     }
 
-    /// Keeps frames apart while the window fills, and drops the oldest when it is full.
+    /// Keeps frames apart while the window fills. A full window is thinned out, so that it spans more and more time, up to
+    /// the longest stretch; then the oldest frame goes.
     fn space_frames(&mut self) {
+        // A small window keeps its frames farther apart, or it would never span the shortest stretch.
+        #[allow(clippy::cast_precision_loss)]
+        let least = self.config.shortest_initialisation_s / T::of((FRAMES.min(MAX_INIT_FRAMES) - 3) as f64);
+        let spacing_s = self.config.initialisation_spacing_s.max(least);
         let frames = &self.window.frames;
-        if let [.., third, second, _] = frames.as_slice() {
-            if (second.stamp - third.stamp).as_seconds::<T>() < self.config.initialisation_spacing_s {
-                let index = frames.len() - 2;
-                self.drop_frame(index);
-            }
+        let crowded = matches!(frames.as_slice(), [.., third, second, _] if (second.stamp - third.stamp).as_seconds::<T>() < spacing_s);
+        if crowded {
+            let index = frames.len() - 2;
+            self.drop_frame(index);
         }
         while self.window.frames.len() >= FRAMES.min(MAX_INIT_FRAMES) {
-            self.drop_frame(0);
+            let index = self.most_crowded().unwrap_or(0);
+            self.drop_frame(index);
         }
+    }
+
+    /// The frame whose neighbours are closest to each other, as long as the window may still span more time.
+    fn most_crowded(&self) -> Option<usize> {
+        let frames = self.window.frames.as_slice();
+        let (first, last) = (frames.first()?, frames.last()?);
+        if (last.stamp - first.stamp).as_seconds::<T>() > self.config.longest_initialisation_s {
+            return None;
+        }
+        // The newest two stay: they set the spacing.
+        let inner = frames.get(..frames.len().saturating_sub(1))?.windows(3).enumerate();
+        inner.min_by_key(|(_, three)| three[2].stamp - three[0].stamp).map(|(i, _)| i + 1)
     }
 
     fn start_at_rest(&mut self) -> bool {
@@ -162,7 +179,11 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             self.solve(budget.iterations.max(FIRST_ITERATIONS));
         }
         // The whole window has to agree, or what came out means nothing: wrong extrinsics, wrong stamps.
-        let agrees = self.tracked_landmarks() * 2 > self.followed_corners() && !self.contradicted();
+        let bias = self.window.frames[0].state.bias;
+        let agrees = self.tracked_landmarks() * 2 > self.followed_corners()
+            && !self.is_cost_above(T::one())
+            && bias.gyro_rad_s.norm() < T::of(0.4)
+            && bias.accel_m_s2.norm() < T::of(0.8);
         if self.tracked_landmarks() < self.config.least_tracked || !agrees || self.diverged() {
             self.health = Health::Initialising(Waiting::Agreement);
             self.prior.clear();

@@ -45,9 +45,9 @@ pub struct Config {
 pub struct EstimatorSection {
     /// Iterations of the solver per image at most. Default 4.
     pub iterations: u8,
-    /// Factor on the white noise densities: what the datasheet leaves out (vibration, scale errors, sampling jitter). Default 2.0.
+    /// Factor on the white noise densities: what the datasheet leaves out (vibration, scale errors, sampling jitter). Default 4.0.
     pub imu_noise_inflation: f64,
-    /// Factor on the random walks of the biases. Default 2.0.
+    /// Factor on the random walks of the biases. Default 4.0.
     pub imu_walk_inflation: f64,
     /// Magnitude of gravity, m/s². Default 9.81.
     pub gravity_m_s2: f64,
@@ -75,6 +75,8 @@ pub struct EstimatorSection {
     pub longest_coast_s: f64,
     /// Shortest stretch of motion for initialisation, s. Default 1.2.
     pub shortest_initialisation_s: f64,
+    /// Longest stretch of motion that the moving start looks back on, s. Default 4.0.
+    pub longest_initialisation_s: f64,
     /// Time between the frames that the moving start uses, s. Default 0.18.
     pub initialisation_spacing_s: f64,
     /// Largest relative standard deviation of the scale that the moving start accepts. Default 0.15.
@@ -153,6 +155,7 @@ impl Default for EstimatorSection {
             least_tracked: core.least_tracked,
             longest_coast_s: core.longest_coast_s,
             shortest_initialisation_s: core.shortest_initialisation_s,
+            longest_initialisation_s: core.longest_initialisation_s,
             initialisation_spacing_s: core.initialisation_spacing_s,
             initialisation_scale_sigma: core.initialisation_scale_sigma,
             first_sigma: FirstSigmaSection::default(),
@@ -225,6 +228,7 @@ impl Config {
             ("estimator.rest_motion_px", estimator.rest_motion_px),
             ("estimator.longest_coast_s", estimator.longest_coast_s),
             ("estimator.shortest_initialisation_s", estimator.shortest_initialisation_s),
+            ("estimator.longest_initialisation_s", estimator.longest_initialisation_s),
             ("estimator.initialisation_spacing_s", estimator.initialisation_spacing_s),
             ("estimator.initialisation_scale_sigma", estimator.initialisation_scale_sigma),
             ("estimator.first_sigma.tilt_rad", first.tilt_rad),
@@ -278,6 +282,7 @@ impl Config {
             least_tracked: estimator.least_tracked,
             longest_coast_s: T::of(estimator.longest_coast_s),
             shortest_initialisation_s: T::of(estimator.shortest_initialisation_s),
+            longest_initialisation_s: T::of(estimator.longest_initialisation_s),
             initialisation_spacing_s: T::of(estimator.initialisation_spacing_s),
             initialisation_scale_sigma: T::of(estimator.initialisation_scale_sigma),
             first_sigma: FirstSigma {

@@ -68,7 +68,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     fn remove_outliers(&mut self) {
         let gate = self.config.outlier_chi2;
         let newest = self.window.frames.len().saturating_sub(1);
-        let pairs = &self.workspace.geometry.pairs;
+        let geometry = &self.workspace.geometry;
         let mut removed = 0;
         for landmark in self.window.landmarks.iter_mut().filter(|landmark| landmark.active) {
             let anchor = landmark.anchor();
@@ -76,7 +76,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             let inverse_depth = landmark.inverse_depth;
             let mut contradicted = 0_u32;
             for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor) {
-                let agrees = reprojection::residual(&pairs[anchor][frame], &direction, inverse_depth, point)
+                let agrees = reprojection::residual(geometry.pair(anchor, frame), &direction, inverse_depth, point)
                     .is_some_and(|residual| residual.norm_squared() < gate);
                 if !agrees {
                     contradicted |= 1 << frame;

@@ -110,6 +110,7 @@ fn factorize_block<T: Real, const B: usize>(a: &mut Block<T, B>) -> Result<(), u
 }
 
 /// `X ← X L⁻ᵀ` for one lower-triangular block.
+#[inline(never)]
 fn solve_right_transposed<T: Real, const B: usize>(l: &Block<T, B>, x: &mut Block<T, B>) {
     let mut inverse = [T::ZERO; B];
     for (out, r) in inverse.iter_mut().zip(0..B) {

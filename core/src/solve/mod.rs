@@ -9,5 +9,5 @@ mod workspace;
 
 pub use assemble::{assemble, back_substitute, cost};
 pub use levenberg::{SolveReport, optimize};
-pub use marginalize::{MarginalizationWorkspace, add_initial, marginalize_oldest};
-pub use workspace::{Settings, Workspace};
+pub use marginalize::{add_initial, marginalize_oldest};
+pub use workspace::{Geometry, PairSum, Settings, Workspace};

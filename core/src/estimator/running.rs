@@ -1,12 +1,9 @@
 //! One image while the window stands: triangulate, solve, clean, slide.
 
-use nalgebra::SMatrix;
-
 use super::{Estimator, FrameOutcome, Health, StepBudget};
 use crate::factor::reprojection;
 use crate::real::Real;
 use crate::solve::optimize;
-use crate::storage::blocks::place;
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>
     Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES>
@@ -111,14 +108,9 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.window.landmarks.iter().filter(|landmark| landmark.is_seen_in(newest) && landmark.observations() > 1).count()
     }
 
-    /// The newest frame comes last in the elimination, so its covariance is that of the last diagonal block alone.
     fn update_covariance(&mut self) {
-        let Some(last) = self.window.frames.len().checked_sub(1) else { return };
-        let block = &self.workspace.hessian[place(last, last)];
-        let lower = SMatrix::<T, 15, 15>::from_fn(|r, c| if c <= r { block[r][c] } else { T::ZERO });
-        if let Some(inverse) = lower.solve_lower_triangular(&SMatrix::<T, 15, 15>::identity()) {
-            let covariance = inverse.tr_mul(&inverse);
-            self.pose_covariance = covariance.fixed_view::<6, 6>(0, 0).into_owned();
+        if let Some(covariance) = self.workspace.newest_pose_covariance(self.window.frames.len()) {
+            self.pose_covariance = covariance;
         }
     }
 

@@ -12,7 +12,7 @@
 //! All that concerns images is summed over motions of the cameras, six columns a frame, and moved to the bodies at the end:
 //! with `B = ∂[θ ρ]/∂[δφ δp]`, block `(i, j)` of `H` gains `B_iᵀ V_ij B_j`.
 
-use super::workspace::{Settings, Workspace};
+use super::workspace::{PairSum, Settings, Workspace};
 use crate::factor::{imu, prior::Prior, reprojection};
 use crate::real::Real;
 use crate::storage::blocks::{Block, add_transposed_product, place, transpose, zero_block};
@@ -157,16 +157,8 @@ fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
         let weighted = e.map(|row| row.map(|value| value * weight));
         curvature += weight * (dl[0] * dl[0] + dl[1] * dl[1]);
         slope += weight * (dl[0] * r[0] + dl[1] * r[1]);
-        let sum = &mut workspace.pair_sums[place(frame, anchor)];
-        let mut coupling = [T::ZERO; 6];
-        for i in 0..6 {
-            // Two columns more than the triangle needs, so that the lengths are even.
-            for j in 0..(i | 1) + 1 {
-                sum.information[i][j] += weighted[0][i] * e[0][j] + weighted[1][i] * e[1][j];
-            }
-            sum.gradient[i] += weighted[0][i] * r[0] + weighted[1][i] * r[1];
-            coupling[i] = weighted[0][i] * dl[0] + weighted[1][i] * dl[1];
-        }
+        let coupling = core::array::from_fn(|i| weighted[0][i] * dl[0] + weighted[1][i] * dl[1]);
+        add_observation(&mut workspace.pair_sums[place(frame, anchor)], e, &weighted, r);
         let carried = workspace.geometry.first_pairs[place(frame, anchor)].carry_to_anchor(&coupling);
         for (out, value) in anchor_coupling.iter_mut().zip(&carried) {
             *out -= *value;
@@ -187,31 +179,43 @@ fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
             *out -= *value * slope;
         }
         for (other_frame, other) in &couplings[..=row] {
-            let block = &mut workspace.visual[place(*frame, *other_frame)];
-            for i in 0..6 {
-                for j in 0..6 {
-                    block[i][j] -= scaled[i] * other[j];
-                }
-            }
+            subtract_outer(&mut workspace.visual[place(*frame, *other_frame)], &scaled, other);
         }
     }
     total
 }
 
-/// Spreads the sums of the pairs over target and anchor: with `e_a = −M e`, `G M ᵀ` and `M G Mᵀ`.
+/// `G += w eᵀ e`, `g += w eᵀ r`.
+// Out of line, as the kernels of `storage::blocks` are.
+#[inline(never)]
+fn add_observation<T: Real>(sum: &mut PairSum<T>, e: &[[T; 6]; 2], weighted: &[[T; 6]; 2], r: &[T; 2]) {
+    for i in 0..6 {
+        let (first, second) = (weighted[0][i], weighted[1][i]);
+        for j in 0..6 {
+            sum.information[i][j] += first * e[0][j] + second * e[1][j];
+        }
+        sum.gradient[i] += first * r[0] + second * r[1];
+    }
+}
+
+/// `V −= a bᵀ`.
+#[inline(never)]
+fn subtract_outer<T: Real>(block: &mut Block<T, 6>, a: &[T; 6], b: &[T; 6]) {
+    for (row, scale) in block.iter_mut().zip(a) {
+        for (out, value) in row.iter_mut().zip(b) {
+            *out -= *scale * *value;
+        }
+    }
+}
+
+/// Spreads the sums of the pairs over target and anchor: as `e_a = −M e`, they become `−G Mᵀ` and `M G Mᵀ`.
 fn add_pairs<T: Real, const FRAMES: usize, const PAIRS: usize>(workspace: &mut Workspace<T, FRAMES, PAIRS>, frames: usize) {
     for target in 1..frames {
         for anchor in 0..target {
             let pair = &workspace.geometry.first_pairs[place(target, anchor)];
-            let sum = &mut workspace.pair_sums[place(target, anchor)];
-            let mut full = sum.information;
-            for i in 0..6 {
-                for j in i + 1..6 {
-                    full[i][j] = full[j][i];
-                }
-            }
-            add_block(&mut workspace.visual[place(target, target)], &full, T::one());
-            let cross = full.map(|row| pair.carry_to_anchor(&row));
+            let sum = &workspace.pair_sums[place(target, anchor)];
+            add_block(&mut workspace.visual[place(target, target)], &sum.information, T::one());
+            let cross = sum.information.map(|row| pair.carry_to_anchor(&row));
             add_block(&mut workspace.visual[place(target, anchor)], &cross, -T::one());
             // Symmetric, so its rows may stand for its columns.
             let own = transpose(&cross).map(|row| pair.carry_to_anchor(&row));

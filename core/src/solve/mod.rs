@@ -1,6 +1,7 @@
 //! Levenberg-Marquardt over the window, the Schur complement of its landmarks, and marginalisation.
 
 mod assemble;
+pub mod chain;
 pub mod cholesky;
 mod levenberg;
 mod marginalize;

@@ -44,7 +44,7 @@ pub struct Geometry<T: Real, const FRAMES: usize, const PAIRS: usize> {
 /// What the observations of one pair of frames say about their relative pose, see [`reprojection`].
 #[derive(Debug, Clone, Copy)]
 pub struct PairSum<T> {
-    /// `Σ w eᵀ e`, the lower triangle.
+    /// `Σ w eᵀ e`.
     pub information: Block<T, 6>,
     /// `Σ w eᵀ r`.
     pub gradient: [T; 6],
@@ -53,13 +53,13 @@ pub struct PairSum<T> {
 /// Normal equations and geometry of one window.
 #[derive(Debug)]
 pub struct Workspace<T: Real, const FRAMES: usize, const PAIRS: usize> {
-    /// Lower block triangle of `H`, later of its Cholesky factor.
+    /// Lower block triangle of `H`, later the factors of velocities and biases.
     pub hessian: [Block<T, 15>; PAIRS],
     /// `b = Jᵀ r`.
     pub gradient: [[T; 15]; FRAMES],
     /// The solved step of the frames.
     pub step: [[T; 15]; FRAMES],
-    /// The part of `H` that comes from images, over motions of the cameras.
+    /// The part of `H` that comes from images, over motions of the cameras; later the Cholesky factor of the poses.
     pub visual: [Block<T, 6>; PAIRS],
     /// The part of `b` that comes from images.
     pub visual_gradient: [[T; 6]; FRAMES],
@@ -158,6 +158,17 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Workspace<T, FRAMES, PAIR
         self.visual[..pairs(frames)].fill(zero_block());
         self.visual_gradient[..frames].fill([T::ZERO; 6]);
         self.pair_sums[..pairs(frames)].fill(PairSum { information: zero_block(), gradient: [T::ZERO; 6] });
+    }
+
+    /// Covariance of the newest of `frames` poses, `[δφ δp]`, 6×6, once factorised: it comes last in the elimination, so it
+    /// is that of the last diagonal block alone.
+    #[must_use]
+    pub fn newest_pose_covariance(&self, frames: usize) -> Option<SMatrix<T, 6, 6>> {
+        let last = frames.checked_sub(1)?;
+        let block = self.visual.get(place(last, last))?;
+        let lower = SMatrix::<T, 6, 6>::from_fn(|r, c| if c <= r { block[r][c] } else { T::ZERO });
+        let inverse = lower.solve_lower_triangular(&SMatrix::<T, 6, 6>::identity())?;
+        Some(inverse.tr_mul(&inverse))
     }
 
     /// Geometry, and the weights of the inertial factors; once per solution.

@@ -154,7 +154,7 @@ pub fn read_camera(path: &Path) -> Result<CameraCalibration, Fault> {
     let distortion: [f64; 4] = match coefficients[..] {
         [a, b, c, d] => [a, b, c, d],
         // OpenCV writes k3 as a fifth coefficient; the model here ends before it.
-        [a, b, c, d, k3] if k3 == 0.0 => [a, b, c, d],
+        [a, b, c, d, 0.0] => [a, b, c, d],
         _ => return Err(miscounted(path, "distortion_coefficients", coefficients.len(), 4)),
     };
     all_finite(path, "distortion_coefficients", &distortion)?;
@@ -212,7 +212,7 @@ fn parse<D: for<'de> Deserialize<'de>>(path: &Path) -> Result<D, Fault> {
         let line = error.location().map(|location| location.line());
         let reason = error.without_snippet().to_string().replace('\n', " ");
         let mut fault = Fault::malformed(path, format!("is not a calibration ({reason})"), "compare it with a sensor.yaml of EuRoC");
-        fault.line = line.map(|line| line as u64);
+        fault.line = line;
         fault
     })
 }

@@ -30,6 +30,8 @@ pub struct EstimatorConfig<T: Real> {
     pub depth_significance: T,
     /// Standard deviation of the velocity of a body found at rest, m/s.
     pub rest_sigma_m_s: T,
+    /// Common displacement of the corners from image to image below which the image stands still, px.
+    pub rest_motion_px: T,
     /// Corners that have to be seen for a pose to count as tracked; below, it coasts.
     pub least_tracked: usize,
     /// Longest time without vision before tracking is lost, s.
@@ -64,14 +66,15 @@ impl<T: Real> Default for EstimatorConfig<T> {
             imu_noise_inflation: T::of(2.0),
             imu_walk_inflation: T::of(2.0),
             gravity_m_s2: T::of(9.81),
-            sigma_px: T::of(1.0),
-            huber: T::of(1.5),
+            sigma_px: T::of(0.35),
+            huber: T::of(2.0),
             outlier_chi2: T::of(9.21),
-            keyframe_parallax_px: T::of(12.0),
+            keyframe_parallax_px: T::of(20.0),
             keyframe_shared_ratio: T::of(0.6),
             keyframe_interval_s: T::of(1.0),
             depth_significance: T::of(4.0),
             rest_sigma_m_s: T::of(0.02),
+            rest_motion_px: T::of(0.25),
             least_tracked: 8,
             longest_coast_s: T::of(5.0),
             shortest_initialisation_s: T::of(1.2),

@@ -7,7 +7,10 @@ use super::InputError;
 use crate::imu::{ImuBias, ImuNoise, ImuSample, Preintegration};
 use crate::lie::so3;
 use crate::real::Real;
-use crate::time::Timestamp;
+use crate::time::{Span, Timestamp};
+
+/// Longest time between two samples that still counts as continuous.
+const LONGEST_INTERVAL: Span = Span::from_millis(40);
 
 /// The newest `SAMPLES` samples, oldest first.
 #[derive(Debug)]
@@ -78,6 +81,9 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
     pub fn integrate(&self, noise: &ImuNoise<T>, bias: ImuBias<T>, from: Timestamp, to: Timestamp) -> Preintegration<T> {
         let mut integral = Preintegration::new(bias);
         for (start, end) in self.pairs(from, to) {
+            // Over a gap the rate between two samples is a guess: ten times the noise.
+            let is_gap = (end.stamp - start.stamp).as_nanos() > LONGEST_INTERVAL.as_nanos();
+            let noise = if is_gap { &noise.scaled(T::of(10.0)) } else { noise };
             // Pairs come in order, each newer than the last, so none is refused.
             let _ = integral.integrate(noise, &start, &end);
         }

@@ -72,16 +72,12 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     fn observe(&mut self, observation: &Observation<T>) {
         let Some(point) = self.normalize(&observation.pixel) else { return };
         if let Some(before) = self.window.observe(observation.track, point) {
-            let (dx, dy) = (point.x - before.x, point.y - before.y);
-            self.image_motion.0 += (dx * dx + dy * dy).root() * self.camera.focal_px();
-            self.image_motion.1 += T::one();
+            self.image_motion.add(&before, &point);
         }
     }
 
     fn close_frame(&mut self) {
-        let (sum, count) = self.image_motion;
-        self.image_motion_px = if count > T::ZERO { sum / count } else { T::of(1e3) };
-        self.image_motion = (T::ZERO, T::ZERO);
+        self.image_motion_px = core::mem::take(&mut self.image_motion).size().map(|size| size * self.camera.focal_px());
         let newest = self.window.frames.len() - 1;
         self.window.landmarks.retain(|landmark| landmark.active || landmark.is_seen_in(newest));
         self.pending = true;
@@ -124,6 +120,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         if !(point.norm_squared() < T::of(14.0) && area > T::ZERO) {
             return None;
         }
-        Some(NormalizedPoint { x: point.x, y: point.y, inverse_sigma: T::one() / (self.config.sigma_px * area.root()) })
+        // A residual compares two corners, the anchor's and this one, and both are noisy.
+        let sigma_px = self.config.sigma_px * T::of(core::f64::consts::SQRT_2);
+        Some(NormalizedPoint { x: point.x, y: point.y, inverse_sigma: T::one() / (sigma_px * area.root()) })
     }
 }

@@ -24,7 +24,7 @@ use crate::robust::kernel::Kernel;
 use crate::solve::{Settings, Workspace};
 use crate::time::Timestamp;
 use crate::track::{FrontEnd, FrontEndConfig};
-use crate::window::Window;
+use crate::window::{CommonFlow, Window};
 
 /// Corners to follow at a time.
 const TARGET_TRACKS: usize = 200;
@@ -50,10 +50,12 @@ pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POI
     pending: bool,
     /// The newest frame saw so little that its pose rests on inertial samples.
     blind_since: Option<Timestamp>,
-    /// Mean displacement of the corners since the frame before, px; how still the image is.
-    image_motion_px: T,
-    /// Sum and count behind it while a frame is being filled.
-    image_motion: (T, T),
+    /// How the image as a whole moved since the frame before, px; nothing without corners to tell.
+    image_motion_px: Option<T>,
+    /// Behind it, while a frame is being filled.
+    image_motion: CommonFlow<T>,
+    /// Images in a row that contradicted the solution.
+    contradictions: u8,
     report: StepReport<T>,
     /// Corners of the images that were pushed.
     front_end: FrontEnd<POINTS>,
@@ -87,8 +89,9 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             pose_covariance: SMatrix::zeros(),
             pending: false,
             blind_since: None,
-            image_motion_px: T::ZERO,
-            image_motion: (T::ZERO, T::ZERO),
+            image_motion_px: None,
+            image_motion: CommonFlow::default(),
+            contradictions: 0,
             report: StepReport::default(),
             front_end: FrontEnd::new(front_end_config(&camera)),
             last_image: None,
@@ -135,6 +138,12 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     #[must_use]
     pub fn window(&self) -> &Window<T, FRAMES, POINTS> {
         &self.window
+    }
+
+    /// How the image as a whole moved from the image before to the newest, px; nothing without corners to tell.
+    #[must_use]
+    pub fn image_motion_px(&self) -> Option<T> {
+        self.image_motion_px
     }
 
     /// Forgets every frame and landmark and initialises anew with the next data.

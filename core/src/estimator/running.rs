@@ -1,19 +1,26 @@
 //! One image while the window stands: triangulate, solve, clean, slide.
 
+use nalgebra::Vector3;
+
 use super::{Estimator, FrameOutcome, Health, StepBudget};
 use crate::factor::reprojection;
 use crate::real::Real;
 use crate::solve::optimize;
+
+/// Images in a row that the solution may contradict before it counts as lost: half a second at 20 Hz.
+const MOST_CONTRADICTIONS: u8 = 10;
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>
     Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES>
 {
     pub(super) fn step_running(&mut self, budget: StepBudget) -> FrameOutcome {
         self.mark_rest();
+        self.integrate_anew();
         self.activate_landmarks();
         self.solve(budget.iterations);
         self.report.tracked = self.tracked_landmarks();
-        if self.diverged() {
+        self.contradictions = if self.contradicted() { self.contradictions.saturating_add(1) } else { 0 };
+        if self.diverged() || self.contradictions >= MOST_CONTRADICTIONS {
             return self.lose();
         }
         let blind = self.followed_corners() < self.config.least_tracked;
@@ -103,7 +110,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     }
 
     /// Corners of the newest frame that an older one saw too.
-    fn followed_corners(&self) -> usize {
+    pub(super) fn followed_corners(&self) -> usize {
         let newest = self.window.frames.len().saturating_sub(1);
         self.window.landmarks.iter().filter(|landmark| landmark.is_seen_in(newest) && landmark.observations() > 1).count()
     }
@@ -114,28 +121,53 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         }
     }
 
+    /// Whether the solution explains the corners badly: far more than noise is left, or most of them were taken out.
+    pub(super) fn contradicted(&self) -> bool {
+        let residuals: usize = self.window.landmarks.iter().filter(|landmark| landmark.active).map(|landmark| landmark.observations() - 1).sum();
+        #[allow(clippy::cast_precision_loss)]
+        let expected = T::of((residuals + 20) as f64);
+        self.report.solver.final_cost > expected * T::of(3.0) || self.report.outliers * 2 > self.report.tracked + 20
+    }
+
+    /// Integrates the samples of a frame anew where the bias has moved too far for the first-order correction.
+    fn integrate_anew(&mut self) {
+        for i in 1..self.window.frames.len() {
+            let [before, frame] = &mut self.window.frames[i - 1..=i] else { continue };
+            let bias = before.state.bias;
+            let moved = frame.from_previous.bias_is_beyond(&bias, T::of(0.002), T::of(0.05));
+            if moved && self.inertial.covers(before.stamp, frame.stamp) {
+                frame.from_previous = self.inertial.integrate(&self.noise, bias, before.stamp, frame.stamp);
+            }
+        }
+    }
+
     /// At rest when neither the image nor the inertial samples move.
     fn mark_rest(&mut self) {
         let frames = &mut self.window.frames;
         let Some((newest, before)) = frames.split_last_mut() else { return };
         let Some(previous) = before.last() else { return };
-        let bias = &newest.state.bias;
-        let (mut turning, mut pushing, mut count) = (T::ZERO, T::ZERO, T::ZERO);
+        let bias = newest.state.bias;
+        let (mut rate, mut force, mut count) = (Vector3::zeros(), Vector3::zeros(), T::ZERO);
         for (_, sample) in self.inertial.pairs(previous.stamp, newest.stamp) {
-            turning += (sample.gyro_rad_s - bias.gyro_rad_s).norm_squared();
-            let excess = (sample.accel_m_s2 - bias.accel_m_s2).norm() - self.config.gravity_m_s2;
-            pushing += excess * excess;
+            rate += sample.gyro_rad_s - bias.gyro_rad_s;
+            force += sample.accel_m_s2 - bias.accel_m_s2;
             count += T::one();
         }
-        let still = count > T::ZERO && (turning / count).root() < T::of(0.02) && (pushing / count).root() < T::of(0.3);
-        newest.at_rest = still && self.image_motion_px < T::of(0.3);
+        if !(count > T::ZERO) {
+            return;
+        }
+        // Means over the interval: running motors shake a body that rests.
+        let turning = (rate / count).norm();
+        let pushing = ((force / count).norm() - self.config.gravity_m_s2).abs();
+        let still = self.image_motion_px.is_some_and(|motion| motion < self.config.rest_motion_px);
+        newest.at_rest = still && turning < T::of(0.02) && pushing < T::of(0.3);
     }
 
-    fn diverged(&self) -> bool {
+    pub(super) fn diverged(&self) -> bool {
         let Some(newest) = self.window.frames.last() else { return true };
         let state = &newest.state;
         !(state.is_finite()
-            && state.velocity_in_world.norm() < T::of(100.0)
+            && state.velocity_in_world.norm() < T::of(50.0)
             && state.bias.gyro_rad_s.norm() < T::of(1.0)
             && state.bias.accel_m_s2.norm() < T::of(3.0))
     }

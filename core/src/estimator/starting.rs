@@ -12,6 +12,7 @@ use crate::init::{InertialLink, InitConfig, InitError, MAX_INIT_FRAMES, RestConf
 use crate::real::Real;
 use crate::solve::add_initial;
 use crate::time::Timestamp;
+use crate::window::CommonFlow;
 
 /// Iterations of the first solution at least: it starts farther away than any later one.
 const FIRST_ITERATIONS: u8 = 12;
@@ -74,20 +75,17 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         true
     }
 
-    /// Mean displacement of the corners between the newest frame and the last one at least `span_s` before it, px.
+    /// How the image moved between the newest frame and the last one at least `span_s` before it, px.
     fn displacement_since(&self, newest: Timestamp, span_s: T) -> Option<(usize, T)> {
         let last = self.window.frames.len().checked_sub(1)?;
         let first = self.window.frames.iter().rposition(|frame| (newest - frame.stamp).as_seconds::<T>() >= span_s)?;
-        let (mut sum, mut count) = (T::ZERO, T::ZERO);
+        let mut flow = CommonFlow::default();
         for landmark in &self.window.landmarks {
-            let (Some(a), Some(b)) = (landmark.point(first), landmark.point(last)) else { continue };
-            sum += ((a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y)).root();
-            count += T::one();
+            if let (Some(before), Some(after)) = (landmark.point(first), landmark.point(last)) {
+                flow.add(before, after);
+            }
         }
-        if count < T::of(10.0) {
-            return None;
-        }
-        Some((first, sum / count * self.camera.focal_px()))
+        Some((first, flow.size()? * self.camera.focal_px()))
     }
 
     fn start_moving(&mut self, budget: StepBudget) -> Result<(), Waiting> {
@@ -163,7 +161,9 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             self.activate_landmarks();
             self.solve(budget.iterations.max(FIRST_ITERATIONS));
         }
-        if self.tracked_landmarks() < self.config.least_tracked {
+        // The whole window has to agree, or what came out means nothing: wrong extrinsics, wrong stamps.
+        let agrees = self.tracked_landmarks() * 2 > self.followed_corners() && !self.contradicted();
+        if self.tracked_landmarks() < self.config.least_tracked || !agrees || self.diverged() {
             self.health = Health::Initialising(Waiting::Agreement);
             self.prior.clear();
             for frame in &mut self.window.frames {

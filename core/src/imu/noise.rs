@@ -17,6 +17,17 @@ pub struct ImuNoise<T: Real> {
 }
 
 impl<T: Real> ImuNoise<T> {
+    /// All four densities times a factor.
+    #[must_use]
+    pub fn scaled(&self, factor: T) -> Self {
+        Self {
+            gyro_noise_density: self.gyro_noise_density * factor,
+            accel_noise_density: self.accel_noise_density * factor,
+            gyro_random_walk: self.gyro_random_walk * factor,
+            accel_random_walk: self.accel_random_walk * factor,
+        }
+    }
+
     /// The ADIS16448 as EuRoC's `imu0/sensor.yaml` states it.
     #[must_use]
     pub fn adis16448() -> Self {

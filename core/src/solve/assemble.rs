@@ -36,8 +36,8 @@ pub fn cost<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usiz
             total += huber.rho(squared);
         }
     }
-    for pair in window.frames.windows(2).zip(&workspace.imu_square_roots[1..]) {
-        if let ([from, to], Some(root)) = pair {
+    for (pair, i) in window.frames.windows(2).zip(1..) {
+        if let ([from, to], Some(root)) = (pair, workspace.imu_square_root(i)) {
             let residual = root * imu::residual(&to.from_previous, &settings.gravity_in_world, &from.state, &to.state);
             total += residual.norm_squared();
         }
@@ -266,14 +266,14 @@ fn add_inertial<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
     settings: &Settings<T>,
     to: usize,
 ) -> T {
-    let (Some(root), Some(before), Some(after)) = (&workspace.imu_square_roots[to], window.frames.get(to - 1), window.frames.get(to))
+    let (Some(root), Some(before), Some(after)) = (workspace.imu_square_root(to), window.frames.get(to - 1), window.frames.get(to))
     else {
         return T::ZERO;
     };
     let linear = imu::linearize(
         &after.from_previous,
         &settings.gravity_in_world,
-        root,
+        &root,
         &before.state,
         &after.state,
         before.linearization_point(),

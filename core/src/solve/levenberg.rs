@@ -21,7 +21,7 @@ pub struct SolveReport<T> {
 }
 
 /// Damping at the start and its bounds; Marquardt's, relative to the diagonal.
-const DAMPING_START: f64 = 1e-5;
+const DAMPING_START: f64 = 1e-11;
 const DAMPING_MOST: f64 = 1e3;
 /// A step that lowers the cost by less than this share ends the solution.
 const CONVERGED: f64 = 1e-4;
@@ -41,7 +41,8 @@ pub fn optimize<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
     workspace.prepare(window, settings);
     let mut damping = T::of(DAMPING_START);
     let mut report = SolveReport { initial_cost: T::ZERO, final_cost: T::ZERO, iterations: 0, accepted: 0 };
-    for iteration in 0..iterations {
+    // One at least: the workspace has to hold the factor of these states.
+    for iteration in 0..iterations.max(1) {
         let before = assemble(window, prior, workspace, settings, damping);
         if iteration == 0 {
             report.initial_cost = before;
@@ -69,7 +70,7 @@ pub fn optimize<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
             let gain = if predicted > T::ZERO { decrease / predicted } else { T::ZERO };
             // Nielsen's rule, bounded to a factor of ten.
             let turn = T::of(2.0) * gain - T::one();
-            damping = (damping * (T::one() - turn * turn * turn).max(T::of(0.1))).max(T::of(1e-8));
+            damping = (damping * (T::one() - turn * turn * turn).max(T::of(0.1))).max(T::of(1e-12));
             if decrease < before * T::of(CONVERGED) {
                 break;
             }
@@ -81,7 +82,10 @@ pub fn optimize<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
                 landmark.inverse_depth = landmark.saved_inverse_depth;
             }
             workspace.geometry.update(&window.frames, settings);
-            damping = (damping * T::of(30.0)).max(T::of(1e-4));
+            if -decrease < before * T::of(CONVERGED) {
+                break;
+            }
+            damping = (damping * T::of(30.0)).max(T::of(1e-5));
             if damping > T::of(DAMPING_MOST) {
                 break;
             }

@@ -78,6 +78,7 @@ pub fn marginalize_oldest<T: Real, const FRAMES: usize, const PAIRS: usize, cons
     }
     prior.settle(&window.frames);
     workspace.prepare(window, settings);
+    let inertial = workspace.imu_square_root(1);
 
     let columns = column(involved);
     let relative_columns = 6 * (involved - 1);
@@ -90,7 +91,7 @@ pub fn marginalize_oldest<T: Real, const FRAMES: usize, const PAIRS: usize, cons
     let (mut triangle, rest) = Rows::carve(rest, columns, columns);
     load(&mut triangle, prior, columns);
     fold_poses(&mut triangle, &relative, rest, &window.frames[..involved], &workspace.geometry, settings);
-    if let (Some(root), [oldest, second, ..]) = (&workspace.imu_square_roots[1], window.frames.as_slice()) {
+    if let (Some(root), [oldest, second, ..]) = (&inertial, window.frames.as_slice()) {
         fold_inertial(&mut triangle, rest, root, oldest, second, settings, columns);
     }
     if let Some(oldest) = window.frames.first().filter(|frame| frame.at_rest) {

@@ -67,8 +67,8 @@ pub struct Workspace<T: Real, const FRAMES: usize, const PAIRS: usize> {
     pub pair_sums: [PairSum<T>; PAIRS],
     /// Cameras.
     pub geometry: Geometry<T, FRAMES, PAIRS>,
-    /// Square-root information of the inertial factor that ends in each frame.
-    pub imu_square_roots: [Option<SMatrix<T, 15, 15>>; FRAMES],
+    /// Square-root information of the inertial factor that ends in each frame: the lower triangle, row by row.
+    imu_square_roots: [Option<[T; 120]>; FRAMES],
     /// What each was computed for.
     imu_keys: [Option<IntegralKey<T>>; FRAMES],
     /// States to go back to when a step is refused.
@@ -160,6 +160,13 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Workspace<T, FRAMES, PAIR
         self.pair_sums[..pairs(frames)].fill(PairSum { information: zero_block(), gradient: [T::ZERO; 6] });
     }
 
+    /// The square-root information of the inertial factor that ends in a frame, lower triangular, where it has one.
+    #[must_use]
+    pub fn imu_square_root(&self, frame: usize) -> Option<SMatrix<T, 15, 15>> {
+        let packed = self.imu_square_roots.get(frame)?.as_ref()?;
+        Some(SMatrix::from_fn(|r, c| if c <= r { packed[place(r, c)] } else { T::ZERO }))
+    }
+
     /// Covariance of the newest of `frames` poses, `[δφ δp]`, 6×6, once factorised: it comes last in the elimination, so it
     /// is that of the last diagonal block alone.
     #[must_use]
@@ -181,7 +188,13 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Workspace<T, FRAMES, PAIR
                 self.imu_square_roots.swap(i, known);
             } else {
                 self.imu_keys[i] = key;
-                self.imu_square_roots[i] = imu::sqrt_information(&frame.from_previous);
+                self.imu_square_roots[i] = imu::sqrt_information(&frame.from_previous).map(|root| {
+                    let mut packed = [T::ZERO; 120];
+                    for (slot, (r, c)) in packed.iter_mut().zip((0..15).flat_map(|r| (0..=r).map(move |c| (r, c)))) {
+                        *slot = root[(r, c)];
+                    }
+                    packed
+                });
             }
         }
         self.geometry.update(&window.frames, settings);

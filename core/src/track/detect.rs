@@ -21,7 +21,9 @@ const WINDOW: f32 = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f32;
 pub const MAX_CELL_PX: usize = 64;
 /// Most cells; cells are widened until there are no more.
 const MAX_CELLS: usize = 2048;
-const ROW: usize = MAX_CELL_PX + 2 * RADIUS + 2;
+/// Pixels that are summed or scored together.
+const LANES: usize = 8;
+const ROW: usize = (MAX_CELL_PX + 2 * RADIUS).next_multiple_of(LANES);
 
 /// A corner that was found.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -155,6 +157,9 @@ type ColumnSums = [[i32; ROW]; 3];
 #[inline]
 fn add_row<const SIGN: i32>(level: &Level<'_>, y: usize, left: usize, count: usize, sums: &mut ColumnSums) {
     let rows = (level.row(y.wrapping_sub(1)), level.row(y), level.row(y + 1));
+    // Whole groups of lanes where the row is long enough; what they add beyond `count` is not read.
+    let padded = count.next_multiple_of(LANES).min(ROW);
+    let count = if left + padded < rows.1.len() { padded } else { count };
     let (Some(above), Some(west), Some(east), Some(below)) = (
         rows.0.get(left..left + count),
         rows.1.get(left.wrapping_sub(1)..left.wrapping_sub(1).wrapping_add(count)),
@@ -164,13 +169,27 @@ fn add_row<const SIGN: i32>(level: &Level<'_>, y: usize, left: usize, count: usi
         return;
     };
     let [xx, xy, yy] = sums;
-    let (Some(xx), Some(xy), Some(yy)) = (xx.get_mut(..count), xy.get_mut(..count), yy.get_mut(..count)) else { return };
-    for k in 0..count {
-        let gx = i32::from(i16::from(east[k]) - i16::from(west[k]));
-        let gy = i32::from(i16::from(below[k]) - i16::from(above[k]));
-        xx[k] += SIGN * gx * gx;
-        xy[k] += SIGN * gx * gy;
-        yy[k] += SIGN * gy * gy;
+    let add = |xx: &mut i32, xy: &mut i32, yy: &mut i32, horizontal: [u8; 2], vertical: [u8; 2]| {
+        let gx = i32::from(i16::from(horizontal[1]) - i16::from(horizontal[0]));
+        let gy = i32::from(i16::from(vertical[1]) - i16::from(vertical[0]));
+        *xx += SIGN * gx * gx;
+        *xy += SIGN * gx * gy;
+        *yy += SIGN * gy * gy;
+    };
+    let ((west, west_tail), (east, east_tail)) = (west.as_chunks::<LANES>(), east.as_chunks::<LANES>());
+    let ((above, above_tail), (below, below_tail)) = (above.as_chunks::<LANES>(), below.as_chunks::<LANES>());
+    let whole = west.len() * LANES;
+    let groups = xx.as_chunks_mut::<LANES>().0.iter_mut().zip(xy.as_chunks_mut::<LANES>().0).zip(yy.as_chunks_mut::<LANES>().0);
+    for (((((xx, xy), yy), west), east), (above, below)) in groups.zip(west).zip(east).zip(above.iter().zip(below)) {
+        for l in 0..LANES {
+            add(&mut xx[l], &mut xy[l], &mut yy[l], [west[l], east[l]], [above[l], below[l]]);
+        }
+    }
+    let tails = west_tail.iter().zip(east_tail).zip(above_tail.iter().zip(below_tail));
+    for (l, ((&west, &east), (&above, &below))) in tails.enumerate() {
+        if let (Some(xx), Some(xy), Some(yy)) = (xx.get_mut(whole + l), xy.get_mut(whole + l), yy.get_mut(whole + l)) {
+            add(xx, xy, yy, [west, east], [above, below]);
+        }
     }
 }
 
@@ -195,22 +214,25 @@ fn best_in(level: &Level<'_>, x: core::ops::Range<usize>, y: core::ops::Range<us
     let mut scores = [0.0_f32; MAX_CELL_PX];
     for row in y {
         add_row::<1>(level, row + RADIUS, left, count, &mut sums);
-        let scores = &mut scores[..x.len()];
-        let [xx, xy, yy] = &sums;
-        let mut highest = [0.0_f32; 4];
-        for (k, out) in scores.iter_mut().enumerate() {
-            let window =
-                |sums: &[i32; ROW]| (sums[k] + sums[k + 1]) + (sums[k + 2] + sums[k + 3]) + (sums[k + 4] + sums[k + 5]) + sums[k + 6];
-            *out = score(window(xx) as f32, window(xy) as f32, window(yy) as f32);
-        }
-        for four in scores.chunks_exact(4) {
-            for (highest, &value) in highest.iter_mut().zip(four) {
-                *highest = if value > *highest { value } else { *highest };
+        let mut highest = [0.0_f32; LANES];
+        for first in (0..x.len()).step_by(LANES) {
+            let mut windows = [[0_i32; LANES]; 3];
+            for (window, sums) in windows.iter_mut().zip(&sums) {
+                let Some(sums) = sums.get(first..).and_then(|sums| sums.first_chunk::<{ LANES + 2 * RADIUS }>()) else { continue };
+                for l in 0..LANES {
+                    window[l] = (sums[l] + sums[l + 1]) + (sums[l + 2] + sums[l + 3]) + (sums[l + 4] + sums[l + 5]) + sums[l + 6];
+                }
+            }
+            let Some(scores) = scores.get_mut(first..).and_then(|scores| scores.first_chunk_mut::<LANES>()) else { continue };
+            for l in 0..LANES {
+                let value = score(windows[0][l] as f32, windows[1][l] as f32, windows[2][l] as f32);
+                scores[l] = value;
+                highest[l] = if value > highest[l] { value } else { highest[l] };
             }
         }
-        let tail = scores.chunks_exact(4).remainder();
-        if highest.iter().chain(tail).any(|&value| value > best_score) {
-            for (k, &value) in scores.iter().enumerate() {
+        // Lanes beyond the cell may be high too; the scan below leaves them out.
+        if highest.iter().any(|&value| value > best_score) {
+            for (k, &value) in scores.iter().take(x.len()).enumerate() {
                 if value > best_score {
                     best_score = value;
                     best = Some((x.start + k, row));

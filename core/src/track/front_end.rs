@@ -16,7 +16,8 @@ use crate::real::Real;
 pub struct FrontEndConfig {
     /// Tracks to aim for; the table's capacity bounds it. Default 200.
     pub target_tracks: usize,
-    /// Detection runs when fewer than this share of `target_tracks` is left, in [0, 1]. Default 1: on every image that lacks one.
+    /// Detection runs when fewer than this share of `target_tracks` is left, in [0, 1]. Default 0.97,
+    /// so that not every image pays for detection.
     pub detect_below_share: f32,
     /// Smallest distance between a new corner and any track, px. Default 20.
     pub min_distance_px: f32,
@@ -32,7 +33,7 @@ pub struct FrontEndConfig {
     pub flow: FlowConfig,
     /// Levels of the backward check, 0 for none. Default 1.
     pub backward_levels: usize,
-    /// Largest distance between a corner and its image tracked forward and back, px. Default 0.5.
+    /// Largest distance between a corner and its image tracked forward and back, px. Default 0.3.
     pub max_backward_px: f32,
     /// Outlier rejection.
     pub two_view: TwoViewConfig,
@@ -46,7 +47,7 @@ impl FrontEndConfig {
     /// The defaults.
     pub const DEFAULT: Self = Self {
         target_tracks: 200,
-        detect_below_share: 1.0,
+        detect_below_share: 0.97,
         min_distance_px: 20.0,
         cell_px: 28,
         levels: 4,
@@ -54,7 +55,7 @@ impl FrontEndConfig {
         min_relative_score: 0.005,
         flow: FlowConfig::DEFAULT,
         backward_levels: 1,
-        max_backward_px: 0.5,
+        max_backward_px: 0.3,
         two_view: TwoViewConfig::DEFAULT,
         rotation_sigma_rad: 0.006,
         unknown_rotation_sigma_rad: 0.05,

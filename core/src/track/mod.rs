@@ -5,6 +5,8 @@ pub mod flow;
 mod front_end;
 mod observation;
 mod table;
+#[cfg(test)]
+mod tests;
 pub mod two_view;
 
 pub use front_end::{FrontEnd, FrontEndConfig, FrontEndReport};

@@ -21,6 +21,9 @@
 //! # Degeneracy
 //! Without parallax every `R f × h` is short and all static points fit any `t`: they are all kept, as they should be.
 
+// A comparison that NaN must fail is written as the negation of what must hold.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::lie::so3;
@@ -28,7 +31,7 @@ use crate::lie::so3;
 /// What a static point may deviate by.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TwoViewConfig {
-    /// Largest epipolar error of an inlier, px. Default 1.5.
+    /// Largest epipolar error of an inlier, px. Default 1.
     pub threshold_px: f32,
     /// Most samples. Default 60.
     pub max_samples: u32,
@@ -40,7 +43,7 @@ pub struct TwoViewConfig {
 
 impl TwoViewConfig {
     /// The defaults.
-    pub const DEFAULT: Self = Self { threshold_px: 1.5, max_samples: 60, seed: 0x9e37_79b9, min_inlier_share: 0.4 };
+    pub const DEFAULT: Self = Self { threshold_px: 1.0, max_samples: 60, seed: 0x9e37_79b9, min_inlier_share: 0.4 };
 }
 
 impl Default for TwoViewConfig {
@@ -110,7 +113,7 @@ pub fn reject_outliers(pairs: &mut [BearingPair], config: &TwoViewConfig, focal_
         }
     }
     // From a generous threshold to the one asked for, so that a rotation error of a few pixels is corrected before it is judged.
-    for factor in [2.0, 1.0, 1.0] {
+    for factor in [4.0, 2.0, 2.0, 1.0, 1.0] {
         let refined = motion.refine(pairs, threshold * factor, threshold, rotation_sigma_rad);
         let refined_cost = total_cost(pairs, &refined.rotation(), &refined.direction, threshold);
         if refined_cost <= cost {
@@ -182,7 +185,7 @@ fn search(pairs: &[BearingPair], rotation: &Matrix3<f32>, threshold: f32, config
         let (f_a, f_b) = (rotation * a.rotated, rotation * b.rotated);
         let normal = f_a.cross(&a.current).cross(&f_b.cross(&b.current));
         let length = crate::real::Real::root(normal.norm_squared());
-        // No parallax, or twice the same plane. Written so that NaN fails.
+        // No parallax, or twice the same plane.
         if !(length > 1e-12) {
             continue;
         }

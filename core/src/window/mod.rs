@@ -1,10 +1,12 @@
 //! The sliding window: recent frames, keyframes, and the landmarks they see.
 
+mod flow;
 mod frame;
 mod geometry;
 mod landmark;
 mod policy;
 
+pub use flow::CommonFlow;
 pub use frame::Frame;
 pub use geometry::CameraPose;
 pub use landmark::{Landmark, NormalizedPoint};
@@ -39,15 +41,23 @@ impl<T: Real, const FRAMES: usize, const POINTS: usize> Window<T, FRAMES, POINTS
     }
 
     /// Notes that the newest frame sees `track` at `point`, and returns where the frame before saw it. A new landmark is
-    /// made where none has this track; without room the observation is dropped.
+    /// made where none has this track; without room it takes the place of the lost one that was seen least, or the
+    /// observation is dropped where none is lost.
     pub fn observe(&mut self, track: TrackId, point: NormalizedPoint<T>) -> Option<NormalizedPoint<T>> {
         let newest = self.frames.len().checked_sub(1)?;
         if let Some(landmark) = self.landmarks.iter_mut().find(|landmark| landmark.track == track) {
             landmark.observe(newest, point);
             return landmark.point(newest.checked_sub(1)?).copied();
         }
-        // A full table refuses: the corner may come in later.
-        let _ = self.landmarks.push(Landmark::new(track, newest, point));
+        let landmark = Landmark::new(track, newest, point);
+        if let Err(landmark) = self.landmarks.push(landmark) {
+            // Two frames back: the tracks of this image may not all have been read yet.
+            let is_lost = |known: &Landmark<T, FRAMES>| !known.is_seen_in(newest) && !known.is_seen_in(newest.saturating_sub(1));
+            let least = self.landmarks.iter_mut().filter(|known| is_lost(known)).min_by_key(|known| known.observations());
+            if let Some(place) = least {
+                *place = landmark;
+            }
+        }
         None
     }
 

@@ -1,12 +1,13 @@
 //! `libella evaluate`
 
+use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use libella_host::config::EvaluationSection;
 use libella_host::eval::{Evaluation, Trajectory, evaluate};
 use libella_host::fault::Fault;
 
-use super::Exit;
+use super::{Exit, say};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -23,24 +24,27 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let (estimate, truth) = (Trajectory::read(&arguments.estimate)?, Trajectory::read(&arguments.truth)?);
     let found = evaluate(&estimate, &truth, &EvaluationSection::default()).map_err(|fault| fault.at(&arguments.estimate))?;
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&found).unwrap_or_default());
+        say(&(serde_json::to_string_pretty(&found).unwrap_or_default() + "\n"));
     } else {
-        println!("matched poses   {} of {}", found.matched_poses, found.matched_poses + found.unmatched_poses);
-        print(&found);
+        say(&format!("matched poses   {} of {}\n{}", found.matched_poses, found.matched_poses + found.unmatched_poses, describe(&found)));
     }
     Ok(Exit::Done)
 }
 
 /// Error figures for a reader.
-pub(crate) fn print(found: &Evaluation) {
-    println!("path            {:.2} m", found.path_length_m);
+pub(crate) fn describe(found: &Evaluation) -> String {
     let ate = &found.ate_m;
-    println!("ATE             {:.6} m RMSE (mean {:.4}, median {:.4}, max {:.4})", ate.rmse, ate.mean, ate.median, ate.max);
-    println!("scale           {:.5} (error {:.2} %)", found.scale, found.scale_error_percent);
+    let mut text = format!(
+        "path            {:.2} m\nATE             {:.6} m RMSE (mean {:.4}, median {:.4}, max {:.4})\nscale           {:.5} (error {:.2} %)\n",
+        found.path_length_m, ate.rmse, ate.mean, ate.median, ate.max, found.scale, found.scale_error_percent
+    );
     for error in &found.rpe {
-        println!(
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
             "RPE over {:>4} m {:.4} m RMSE ({:.2} %), {:.3} deg, {} pairs",
             error.distance_m, error.translation_rmse_m, error.translation_rmse_percent, error.rotation_rmse_deg, error.pairs
         );
     }
+    text
 }

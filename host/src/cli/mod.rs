@@ -4,6 +4,7 @@ mod config;
 mod evaluate;
 mod run;
 
+use std::io::Write as _;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -36,6 +37,11 @@ pub(crate) enum Exit {
     NoResult,
     EstimatorFailed,
     Interrupted,
+}
+
+/// Prints results. A reader that closes the pipe early has seen what it wanted.
+pub(crate) fn say(text: &str) {
+    let _ = std::io::stdout().write_all(text.as_bytes());
 }
 
 pub(crate) fn main() -> ExitCode {

@@ -12,7 +12,7 @@ use libella_host::eval::{Evaluation, evaluate};
 use libella_host::fault::Fault;
 use libella_host::pipeline::{self, Ended, Figure, Report, Run};
 
-use super::Exit;
+use super::{Exit, say};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -35,6 +35,9 @@ pub(crate) struct Arguments {
     quiet: bool,
 }
 
+/// So many images on which vision and inertial samples disagree are no accident: a second of most recordings.
+const CONTRADICTIONS: usize = 20;
+
 fn parse_scalar(text: &str) -> Result<Scalar, String> {
     match text {
         "f64" => Ok(Scalar::F64),
@@ -55,9 +58,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
             eprintln!("warning: {}{times}", remark.first);
         }
     }
+    pipeline::prepare_outputs(&folder)?;
     let stop = stop_on_interrupt();
     let bar = progress(recording.frames.len(), arguments.quiet);
+    let mut contradictions = 0;
     let run = pipeline::run(&recording, &config, &stop, |frame| {
+        contradictions += usize::from(frame.health == Health::Initialising(Waiting::Agreement));
+        if contradictions == CONTRADICTIONS && !arguments.quiet {
+            contradictions += 1;
+            bar.suspend(|| eprintln!("warning: {}", word(frame.health)));
+        }
         if let Some(reason) = frame.refused.as_ref().filter(|_| !arguments.quiet) {
             bar.suspend(|| eprintln!("warning: image at {} is left out: {reason}", frame.stamp));
         }
@@ -79,7 +89,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     };
     pipeline::draw(&folder, &figure)?;
     if !arguments.quiet {
-        summarise(&recording, &report, evaluation.as_ref(), &folder);
+        say(&describe(&recording, &report, evaluation.as_ref(), &folder));
     }
     Ok(exit(&run, &report))
 }
@@ -141,33 +151,36 @@ fn subtitle(report: &Report) -> String {
     parts.join("  ·  ")
 }
 
-fn summarise(recording: &Recording, report: &Report, evaluation: Option<&Evaluation>, folder: &Path) {
-    println!("recording       {} ({:.1} s)", recording.name, recording.span().as_seconds::<f64>());
-    println!("poses           {} of {} images ({:.1} %)", report.poses, report.frames, 100.0 * report.coverage);
-    match report.initialised_after_s {
-        Some(after) => println!("initialised     {after:.2} s after the first image"),
-        None => println!("initialised     never"),
-    }
-    if let Some(found) = evaluation {
-        super::evaluate::print(found);
+fn describe(recording: &Recording, report: &Report, evaluation: Option<&Evaluation>, folder: &Path) -> String {
+    let mut lines = vec![
+        format!("recording       {} ({:.1} s)", recording.name, recording.span().as_seconds::<f64>()),
+        format!("poses           {} of {} images ({:.1} %)", report.poses, report.frames, 100.0 * report.coverage),
+        match report.initialised_after_s {
+            Some(after) => format!("initialised     {after:.2} s after the first image"),
+            None => "initialised     never".into(),
+        },
+    ];
+    lines.extend(evaluation.map(|found| super::evaluate::describe(found).trim_end().to_owned()));
+    if let Some(nees) = &report.pose_nees {
+        lines.push(format!("pose NEES       {:.2} mean, {:.2} median (6 is consistent)", nees.mean, nees.median));
     }
     if let Some(core) = &report.core_ms {
-        print!("core            {:.2} ms per image (median), {:.2} p95, {:.2} max", core.total.median, core.total.p95, core.total.max);
         let stages: Vec<_> = core.stages.iter().map(|(name, timing)| format!("{name} {:.2}", timing.median)).collect();
-        println!("; {}", stages.join(", "));
+        let (total, stages) = (core.total, stages.join(", "));
+        lines.push(format!(
+            "core            {:.2} ms per image (median), {:.2} p95, {:.2} max; {stages}",
+            total.median, total.p95, total.max
+        ));
     }
-    println!(
-        "run             {:.2} s wall, {:.0} images/s, {:.0} MB at most",
-        report.wall_s,
-        report.images_per_s,
-        report.rss_peak_mb.unwrap_or(0.0)
-    );
+    let memory = report.rss_peak_mb.map(|peak| format!(", {peak:.0} MB at most")).unwrap_or_default();
+    lines.push(format!("run             {:.2} s wall, {:.0} images/s{memory}", report.wall_s, report.images_per_s));
     for (name, left_out) in [("images", &report.images_left_out), ("inertial samples", &report.imu_left_out)] {
         if let Some(reason) = &left_out.first {
-            println!("left out        {} {name}, first: {reason}", left_out.count);
+            lines.push(format!("left out        {} {name}, first: {reason}", left_out.count));
         }
     }
-    println!("results         {}", folder.display());
+    lines.push(format!("results         {}\n", folder.display()));
+    lines.join("\n")
 }
 
 fn exit(run: &Run, report: &Report) -> Exit {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use libella_core::estimator::{EstimatorConfig, StepBudget};
+use libella_core::estimator::{EstimatorConfig, FirstSigma, StepBudget};
 use libella_core::imu::ImuNoise;
 use libella_core::real::Real;
 use serde::{Deserialize, Serialize};
@@ -33,34 +33,66 @@ pub struct Config {
     pub scalar: Scalar,
     /// The estimator.
     pub estimator: EstimatorSection,
-    /// The inertial unit.
-    pub imu: ImuSection,
     /// Reading of recordings.
     pub dataset: DatasetSection,
     /// Comparison with the truth.
     pub evaluation: EvaluationSection,
 }
 
-/// Numbers of the estimator.
+/// Numbers of the estimator, see [`EstimatorConfig`]; the defaults are those of the core.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstimatorSection {
-    /// Magnitude of gravity, m/s². Default 9.81.
-    pub gravity_m_s2: f64,
-    /// Standard deviation of a corner's position, px. Default 1.
-    pub sigma_px: f64,
     /// Iterations of the solver per image at most. Default 4.
     pub iterations: u8,
+    /// Factor on the white noise densities: what the datasheet leaves out (vibration, scale errors, sampling jitter). Default 2.0.
+    pub imu_noise_inflation: f64,
+    /// Factor on the random walks of the biases. Default 2.0.
+    pub imu_walk_inflation: f64,
+    /// Magnitude of gravity, m/s². Default 9.81.
+    pub gravity_m_s2: f64,
+    /// Standard deviation of a corner's position, px. Default 1.0.
+    pub sigma_px: f64,
+    /// Where the Huber cost of an observation turns linear, in standard deviations. Default 1.5.
+    pub huber: f64,
+    /// Squared whitened residual over which an observation is taken out after solving (χ² of 2 degrees of freedom). Default 9.21.
+    pub outlier_chi2: f64,
+    /// A frame becomes a keyframe when its corners have moved this far since the last one, rotation apart, px. Default 12.0.
+    pub keyframe_parallax_px: f64,
+    /// Or when less than this share of its corners was seen by the last one. Default 0.6.
+    pub keyframe_shared_ratio: f64,
+    /// Or after this time with at least a quarter of that parallax, s. Default 1.0.
+    pub keyframe_interval_s: f64,
+    /// A landmark takes part in the solution when its inverse depth is known to one part in this. Default 4.0.
+    pub depth_significance: f64,
+    /// Standard deviation of the velocity of a body found at rest, m/s. Default 0.02.
+    pub rest_sigma_m_s: f64,
+    /// Corners that have to be seen for a pose to count as tracked; below, it coasts. Default 8.
+    pub least_tracked: usize,
+    /// Longest time without vision before tracking is lost, s. Default 5.0.
+    pub longest_coast_s: f64,
+    /// Shortest stretch of motion for initialisation, s. Default 1.2.
+    pub shortest_initialisation_s: f64,
+    /// Time between the frames that the moving start uses, s. Default 0.18.
+    pub initialisation_spacing_s: f64,
+    /// Largest relative standard deviation of the scale that the moving start accepts. Default 0.15.
+    pub initialisation_scale_sigma: f64,
+    /// Uncertainty of the first state.
+    pub first_sigma: FirstSigmaSection,
 }
 
-/// How the inertial unit's noise is used.
+/// Standard deviations of the first state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct ImuSection {
-    /// Factor on the white noise of the calibration file, dimensionless. Default 1.
-    pub white_noise_factor: f64,
-    /// Factor on the bias random walk of the calibration file, dimensionless. Default 1.
-    pub random_walk_factor: f64,
+pub struct FirstSigmaSection {
+    /// Angle between the estimated and the true vertical, rad. Default 0.1.
+    pub tilt_rad: f64,
+    /// Velocity, m/s. Default 0.5.
+    pub velocity_m_s: f64,
+    /// Bias of the angular rate, rad/s. Default 0.05.
+    pub gyro_bias_rad_s: f64,
+    /// Bias of the specific force, m/s². Default 0.15.
+    pub accel_bias_m_s2: f64,
 }
 
 /// How recordings are read.
@@ -93,7 +125,6 @@ impl Default for Config {
             seed: 0,
             scalar: Scalar::F64,
             estimator: EstimatorSection::default(),
-            imu: ImuSection::default(),
             dataset: DatasetSection::default(),
             evaluation: EvaluationSection::default(),
         }
@@ -103,13 +134,33 @@ impl Default for Config {
 impl Default for EstimatorSection {
     fn default() -> Self {
         let core = EstimatorConfig::<f64>::default();
-        Self { gravity_m_s2: core.gravity_m_s2, sigma_px: core.sigma_px, iterations: StepBudget::default().iterations }
+        Self {
+            iterations: StepBudget::default().iterations,
+            imu_noise_inflation: core.imu_noise_inflation,
+            imu_walk_inflation: core.imu_walk_inflation,
+            gravity_m_s2: core.gravity_m_s2,
+            sigma_px: core.sigma_px,
+            huber: core.huber,
+            outlier_chi2: core.outlier_chi2,
+            keyframe_parallax_px: core.keyframe_parallax_px,
+            keyframe_shared_ratio: core.keyframe_shared_ratio,
+            keyframe_interval_s: core.keyframe_interval_s,
+            depth_significance: core.depth_significance,
+            rest_sigma_m_s: core.rest_sigma_m_s,
+            least_tracked: core.least_tracked,
+            longest_coast_s: core.longest_coast_s,
+            shortest_initialisation_s: core.shortest_initialisation_s,
+            initialisation_spacing_s: core.initialisation_spacing_s,
+            initialisation_scale_sigma: core.initialisation_scale_sigma,
+            first_sigma: FirstSigmaSection::default(),
+        }
     }
 }
 
-impl Default for ImuSection {
+impl Default for FirstSigmaSection {
     fn default() -> Self {
-        Self { white_noise_factor: 1.0, random_walk_factor: 1.0 }
+        let FirstSigma { tilt_rad, velocity_m_s, gyro_bias_rad_s, accel_bias_m_s2 } = EstimatorConfig::<f64>::default().first_sigma;
+        Self { tilt_rad, velocity_m_s, gyro_bias_rad_s, accel_bias_m_s2 }
     }
 }
 
@@ -155,11 +206,27 @@ impl Config {
     /// # Errors
     /// Names the first key whose value cannot be used.
     pub fn check(&self) -> Result<(), Fault> {
+        let (estimator, first) = (&self.estimator, &self.estimator.first_sigma);
         let positive = [
-            ("estimator.gravity_m_s2", self.estimator.gravity_m_s2),
-            ("estimator.sigma_px", self.estimator.sigma_px),
-            ("imu.white_noise_factor", self.imu.white_noise_factor),
-            ("imu.random_walk_factor", self.imu.random_walk_factor),
+            ("estimator.imu_noise_inflation", estimator.imu_noise_inflation),
+            ("estimator.imu_walk_inflation", estimator.imu_walk_inflation),
+            ("estimator.gravity_m_s2", estimator.gravity_m_s2),
+            ("estimator.sigma_px", estimator.sigma_px),
+            ("estimator.huber", estimator.huber),
+            ("estimator.outlier_chi2", estimator.outlier_chi2),
+            ("estimator.keyframe_parallax_px", estimator.keyframe_parallax_px),
+            ("estimator.keyframe_shared_ratio", estimator.keyframe_shared_ratio),
+            ("estimator.keyframe_interval_s", estimator.keyframe_interval_s),
+            ("estimator.depth_significance", estimator.depth_significance),
+            ("estimator.rest_sigma_m_s", estimator.rest_sigma_m_s),
+            ("estimator.longest_coast_s", estimator.longest_coast_s),
+            ("estimator.shortest_initialisation_s", estimator.shortest_initialisation_s),
+            ("estimator.initialisation_spacing_s", estimator.initialisation_spacing_s),
+            ("estimator.initialisation_scale_sigma", estimator.initialisation_scale_sigma),
+            ("estimator.first_sigma.tilt_rad", first.tilt_rad),
+            ("estimator.first_sigma.velocity_m_s", first.velocity_m_s),
+            ("estimator.first_sigma.gyro_bias_rad_s", first.gyro_bias_rad_s),
+            ("estimator.first_sigma.accel_bias_m_s2", first.accel_bias_m_s2),
             ("dataset.max_imu_gap_ms", self.dataset.max_imu_gap_ms),
             ("dataset.max_image_gap_ms", self.dataset.max_image_gap_ms),
             ("evaluation.max_truth_gap_s", self.evaluation.max_truth_gap_s),
@@ -183,19 +250,37 @@ impl Config {
 
     /// What the estimator reads of it, for an inertial unit of the given noise.
     #[must_use]
-    #[allow(clippy::needless_update)]
     pub fn estimator_config<T: Real>(&self, noise: &ImuNoise<f64>) -> EstimatorConfig<T> {
-        let (white, walk) = (self.imu.white_noise_factor, self.imu.random_walk_factor);
+        let (estimator, first) = (&self.estimator, &self.estimator.first_sigma);
         EstimatorConfig {
             imu_noise: ImuNoise {
-                gyro_noise_density: T::of(noise.gyro_noise_density * white),
-                accel_noise_density: T::of(noise.accel_noise_density * white),
-                gyro_random_walk: T::of(noise.gyro_random_walk * walk),
-                accel_random_walk: T::of(noise.accel_random_walk * walk),
+                gyro_noise_density: T::of(noise.gyro_noise_density),
+                accel_noise_density: T::of(noise.accel_noise_density),
+                gyro_random_walk: T::of(noise.gyro_random_walk),
+                accel_random_walk: T::of(noise.accel_random_walk),
             },
-            gravity_m_s2: T::of(self.estimator.gravity_m_s2),
-            sigma_px: T::of(self.estimator.sigma_px),
-            ..EstimatorConfig::default()
+            imu_noise_inflation: T::of(estimator.imu_noise_inflation),
+            imu_walk_inflation: T::of(estimator.imu_walk_inflation),
+            gravity_m_s2: T::of(estimator.gravity_m_s2),
+            sigma_px: T::of(estimator.sigma_px),
+            huber: T::of(estimator.huber),
+            outlier_chi2: T::of(estimator.outlier_chi2),
+            keyframe_parallax_px: T::of(estimator.keyframe_parallax_px),
+            keyframe_shared_ratio: T::of(estimator.keyframe_shared_ratio),
+            keyframe_interval_s: T::of(estimator.keyframe_interval_s),
+            depth_significance: T::of(estimator.depth_significance),
+            rest_sigma_m_s: T::of(estimator.rest_sigma_m_s),
+            least_tracked: estimator.least_tracked,
+            longest_coast_s: T::of(estimator.longest_coast_s),
+            shortest_initialisation_s: T::of(estimator.shortest_initialisation_s),
+            initialisation_spacing_s: T::of(estimator.initialisation_spacing_s),
+            initialisation_scale_sigma: T::of(estimator.initialisation_scale_sigma),
+            first_sigma: FirstSigma {
+                tilt_rad: T::of(first.tilt_rad),
+                velocity_m_s: T::of(first.velocity_m_s),
+                gyro_bias_rad_s: T::of(first.gyro_bias_rad_s),
+                accel_bias_m_s2: T::of(first.accel_bias_m_s2),
+            },
         }
     }
 
@@ -216,20 +301,26 @@ fn as_configuration(mut fault: Fault) -> Fault {
 mod tests {
     use super::*;
 
+    fn names(keys: serde_json::Map<String, serde_json::Value>) -> Vec<String> {
+        let inner = keys.into_iter().map(|(key, value)| match value {
+            serde_json::Value::Object(section) => names(section),
+            _ => vec![key],
+        });
+        inner.flatten().collect()
+    }
+
     #[test]
     fn the_printed_file_is_the_default_and_names_every_key() {
         assert_eq!(Config::parse(DEFAULT_TOML).unwrap(), Config::default());
         let serde_json::Value::Object(keys) = serde_json::to_value(Config::default()).unwrap() else { unreachable!() };
-        let mut names: Vec<String> = Vec::new();
-        for (key, value) in keys {
-            match value {
-                serde_json::Value::Object(section) => names.extend(section.keys().cloned()),
-                _ => names.push(key),
-            }
-        }
-        for name in names {
+        for name in names(keys) {
             assert!(DEFAULT_TOML.lines().any(|line| line.starts_with(&format!("{name} = "))), "{name} is missing");
         }
+    }
+
+    #[test]
+    fn the_default_configuration_is_that_of_the_core() {
+        assert_eq!(Config::default().estimator_config::<f64>(&ImuNoise::adis16448()), EstimatorConfig::default());
     }
 
     #[test]

@@ -49,6 +49,8 @@ pub(super) fn open(path: &Path, options: &DatasetSection) -> Result<Recording, F
         listed_frames: frames.len(),
         frames: Frames::Tracks(frames),
         truth,
+        // The target may stand or hang in any way.
+        truth_is_level: false,
         remarks,
     })
 }

@@ -11,6 +11,9 @@ use libella_core::time::Timestamp;
 use super::ImageFile;
 use crate::fault::{Fault, FaultKind};
 
+/// An image with its time, or why there is none.
+pub(super) type Decoded = (Timestamp, Result<GrayImage, Fault>);
+
 /// Eight-bit grey pixels, row by row.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GrayImage {
@@ -53,7 +56,7 @@ pub(super) fn size(path: &Path) -> Option<(u32, u32)> {
 }
 
 /// Starts the thread that decodes; it ends when all is read or the receiver is dropped.
-pub(super) fn start(images: Vec<ImageFile>, ahead: usize) -> Result<Receiver<(Timestamp, Result<GrayImage, Fault>)>, Fault> {
+pub(super) fn start(images: Vec<ImageFile>, ahead: usize) -> Result<Receiver<Decoded>, Fault> {
     let (sender, receiver) = sync_channel(ahead.max(1));
     std::thread::Builder::new()
         .name("decode".into())

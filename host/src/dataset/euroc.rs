@@ -26,7 +26,17 @@ pub(super) fn open(path: &Path, options: &DatasetSection) -> Result<Recording, F
     let truth = read_truth(&root, &mut remarks)?.map(|truth| truth.attached(&inertial.body_from_imu));
     let listed_frames = images.len();
     let name = name_of(path, &root);
-    Ok(Recording { name, layout: Layout::Euroc, rig, imu: samples, frames: Frames::Images(images), listed_frames, truth, remarks })
+    Ok(Recording {
+        name,
+        layout: Layout::Euroc,
+        rig,
+        imu: samples,
+        frames: Frames::Images(images),
+        listed_frames,
+        truth,
+        truth_is_level: true,
+        remarks,
+    })
 }
 
 fn find_root(path: &Path) -> Result<PathBuf, Fault> {

@@ -42,6 +42,8 @@ pub struct Recording {
     pub listed_frames: usize,
     /// Pose of the inertial unit, where the recording has it.
     pub truth: Option<Trajectory>,
+    /// Whether the z axis of the truth's world is vertical.
+    pub truth_is_level: bool,
     /// What is odd about it and does not stop a run.
     pub remarks: Vec<Remark>,
 }
@@ -255,7 +257,7 @@ impl Recording {
 /// The events of a recording.
 pub struct Events<'a> {
     recording: &'a Recording,
-    decoded: Option<Receiver<(Timestamp, Result<GrayImage, Fault>)>>,
+    decoded: Option<Receiver<decode::Decoded>>,
     next_imu: usize,
     next_frame: usize,
     reached: Option<Timestamp>,

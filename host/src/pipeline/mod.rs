@@ -10,5 +10,5 @@ mod resources;
 
 pub use estimate::{Ended, FrameResult, PoseResult, Refusals, Run, run};
 pub use figure::{Figure, draw};
-pub use record::{Report, Timing, write_outputs};
+pub use record::{Consistency, CoreTiming, LeftOut, Report, Timing, prepare_outputs, write_outputs};
 pub use resources::rss_peak_mb;

@@ -199,7 +199,8 @@ fn core_timing(run: &Run) -> Option<CoreTiming> {
 }
 
 fn consistency(recording: &Recording, config: &Config, run: &Run) -> Option<Consistency> {
-    let truth = recording.truth.as_ref()?;
+    // Without a vertical in common the first pose cannot be laid onto the truth.
+    let truth = recording.truth.as_ref().filter(|_| recording.truth_is_level)?;
     #[allow(clippy::cast_possible_truncation)]
     let max_gap = Span::from_nanos((config.evaluation.max_truth_gap_s * 1e9) as i64);
     let poses: Vec<_> = run
@@ -213,6 +214,15 @@ fn consistency(recording: &Recording, config: &Config, run: &Run) -> Option<Cons
     let values = pose_nees(&poses);
     let found = Statistics::of(&values)?;
     Some(Consistency { mean: found.mean, median: found.median, poses: values.len() })
+}
+
+/// Makes the folder of the results, and finds out before a run whether it can be written to.
+///
+/// # Errors
+/// When it cannot be made or written to.
+pub fn prepare_outputs(folder: &Path) -> Result<(), Fault> {
+    std::fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
+    write(&folder.join("report.json"), "{}\n")
 }
 
 /// Writes `trajectory.tum`, `trajectory.csv` and `report.json` into a folder, which is made if it is not there.

@@ -34,6 +34,13 @@ pub enum SimError {
         /// The first sample that is not newer than its predecessor.
         index: usize,
     },
+    /// A pixel that the camera model cannot turn into a ray to the front.
+    NoRay {
+        /// Column, px.
+        x: f64,
+        /// Row, px.
+        y: f64,
+    },
     /// A file that cannot be read or written.
     File {
         /// Which.
@@ -72,6 +79,7 @@ impl fmt::Display for SimError {
             Self::OutOfRange { name, value, low, high } => write!(f, "{name} = {value} is outside of the allowed range {low} to {high}"),
             Self::TooShort { what, count, least } => write!(f, "{count} {what} are too few, at least {least} are needed"),
             Self::NotRising { what, index } => write!(f, "the times of the {what} do not rise at sample {index}"),
+            Self::NoRay { x, y } => write!(f, "the camera has no ray to the front at pixel {x} {y}"),
             Self::File { path, reason } => write!(f, "{}: {reason}", path.display()),
             Self::Line { path, line, reason } => write!(f, "{} line {line}: {reason}", path.display()),
         }

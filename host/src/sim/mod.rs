@@ -1,9 +1,10 @@
-//! Simulated flights with exact truth: motion, inertial samples, corner tracks.
+//! Simulated flights with exact truth: motion, inertial samples, corner tracks, pictures.
 //!
 //! ```text
 //! MotionKind ─▶ Analytic ─┐                     ┌─▶ imu ─────▶ samples, true states ─┐
 //!                         ├─▶ Trajectory ─▶ Flight                                   ├─▶ Recording
-//! EuRoC csv ──▶ Spline ───┘                     └─▶ features ─▶ tracks ──────────────┘
+//! EuRoC csv ──▶ Spline ───┘          │          └─▶ features ─▶ tracks ──────────────┘
+//!                       Scene ─▶ World (baked) ─▶ Renderer ─▶ images, depth ─▶ stream, EuRoC folder
 //! ```
 //! Everything is a function of a configuration and a seed.
 
@@ -15,14 +16,27 @@ pub mod scene;
 pub mod spline;
 pub mod trajectory;
 
+mod asl;
 mod error;
 mod flight;
+mod photometry;
+mod render;
+mod stream;
+mod surface;
+mod texture;
 
+#[cfg(test)]
+mod likeness_tests;
+
+pub use asl::{AslOptions, planes_json, write_asl};
 pub use error::SimError;
 pub use features::FeatureConfig;
 pub use flight::{Flight, ImuSource, RealMotionConfig};
 pub use imu::ImuConfig;
+pub use photometry::PhotometryConfig;
+pub use render::{DepthMap, RenderConfig, Renderer, World};
 pub use scene::{RoomConfig, Scene};
+pub use stream::{ImageStream, MotionSource, RenderedFlight};
 pub use trajectory::{AnalyticConfig, Motion, MotionKind, Trajectory};
 
 use std::path::Path;

@@ -35,18 +35,75 @@ pub enum Material {
     Metal,
     /// Ceiling panels.
     Ceiling,
+    /// Printed picture on the floor.
+    PlayMat,
+    /// Black strip with white patches.
+    Tape,
+    /// Bright panes in a dark frame: shines.
+    Window,
+    /// Ribbed heater.
+    Radiator,
 }
 
 impl Material {
+    /// All of them.
+    pub const ALL: [Self; 16] = [
+        Self::Floor,
+        Self::Plaster,
+        Self::Blocks,
+        Self::Curtain,
+        Self::Wood,
+        Self::Mat,
+        Self::Poster,
+        Self::Checkerboard,
+        Self::Pallet,
+        Self::Cardboard,
+        Self::Metal,
+        Self::Ceiling,
+        Self::PlayMat,
+        Self::Tape,
+        Self::Window,
+        Self::Radiator,
+    ];
+
+    /// Name in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Floor => "floor",
+            Self::Plaster => "plaster",
+            Self::Blocks => "blocks",
+            Self::Curtain => "curtain",
+            Self::Wood => "wood",
+            Self::Mat => "mat",
+            Self::Poster => "poster",
+            Self::Checkerboard => "checkerboard",
+            Self::Pallet => "pallet",
+            Self::Cardboard => "cardboard",
+            Self::Metal => "metal",
+            Self::Ceiling => "ceiling",
+            Self::PlayMat => "play_mat",
+            Self::Tape => "tape",
+            Self::Window => "window",
+            Self::Radiator => "radiator",
+        }
+    }
+
+    /// Light that it sends out itself at reflectance 1, in units of a lit white wall.
+    #[must_use]
+    pub fn glow(self) -> f32 {
+        if self == Self::Window { 3.0 } else { 0.0 }
+    }
+
     /// Share of spots where a corner detector finds something to follow.
     #[must_use]
     pub fn richness(self) -> f64 {
         match self {
-            Self::Plaster | Self::Ceiling => 0.15,
-            Self::Curtain | Self::Mat => 0.35,
+            Self::Plaster | Self::Ceiling | Self::Window => 0.15,
+            Self::Curtain | Self::Mat | Self::Radiator => 0.35,
             Self::Floor | Self::Metal => 0.6,
             Self::Blocks | Self::Wood | Self::Cardboard => 0.8,
-            Self::Poster | Self::Checkerboard | Self::Pallet => 1.0,
+            Self::Poster | Self::Checkerboard | Self::Pallet | Self::PlayMat | Self::Tape => 1.0,
         }
     }
 }
@@ -122,6 +179,17 @@ impl Quad {
         let (u, v) = (self.axis_u.dot(&offset), self.axis_v.dot(&offset));
         (u >= 0.0 && v >= 0.0 && u <= self.size_m[0] && v <= self.size_m[1]).then_some((distance, [u, v]))
     }
+}
+
+/// Which side of a box nobody can see.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Hidden {
+    /// It stands on the floor.
+    Underside,
+    /// It is close to a wall.
+    Back,
+    #[cfg(test)]
+    Nothing,
 }
 
 /// The size and filling of a room.
@@ -215,7 +283,7 @@ impl Scene {
         let base = config.floor_center_m;
         let (x, y, z) = (Vector3::x() * config.size_m.x, Vector3::y() * config.size_m.y, Vector3::z() * config.size_m.z);
         let low = base - Vector3::new(half.x, half.y, 0.0);
-        let mut walls = [Material::Curtain, Material::Plaster, Material::Blocks, Material::Wood];
+        let mut walls = [Material::Plaster, Material::Plaster, Material::Blocks, Material::Wood];
         for k in (1..walls.len()).rev() {
             walls.swap(k, random.below(k + 1));
         }
@@ -228,11 +296,14 @@ impl Scene {
         self.quads.push(Quad::new(low + x + y, -y, z, walls[3]));
     }
 
-    /// A box from its middle, half sizes and rotation. All six sides, so that leaning ones show their underside too.
-    fn add_box(&mut self, center: Vector3<f64>, half: Vector3<f64>, rotation: &Rotation3<f64>, material: Material) {
+    /// A box from its middle, half sizes and rotation, without the sides that nobody can see.
+    fn add_box(&mut self, center: Vector3<f64>, half: Vector3<f64>, rotation: &Rotation3<f64>, material: Material, hidden: Hidden) {
         let axes = [0, 1, 2].map(|k| rotation * (Vector3::ith(k, 1.0)));
         for k in 0..3 {
             for sign in [1.0, -1.0] {
+                if sign < 0.0 && (k == 2 && hidden == Hidden::Underside || k == 0 && hidden == Hidden::Back) {
+                    continue;
+                }
                 let normal = axes[k] * sign;
                 // (u, v, n) right-handed, with v upwards on the upright sides.
                 let (u, v, half_u, half_v) = if k == 2 {
@@ -248,7 +319,6 @@ impl Scene {
 
     fn furnish(&mut self, config: &RoomConfig, path: &[Vector3<f64>], random: &mut Random) {
         let floor = config.floor_center_m.z;
-        let half = config.size_m * 0.5;
         // A hall holds larger things.
         let scale = (config.size_m.x.min(config.size_m.y) / 8.0).clamp(0.5, 3.0);
         let is_free = |center: &Vector3<f64>, radius: f64, height: f64| {
@@ -257,14 +327,35 @@ impl Scene {
                 across > radius + config.clearance_m || point.z > floor + height + config.clearance_m
             })
         };
-        // Mats lie on the floor.
-        for _ in 0..5 {
-            let size = Vector3::new(random.between(0.8, 1.1), random.between(0.5, 0.8), 0.025) * scale;
-            let at = self.place(config, random, size.xy().norm());
-            let center = Vector3::new(at.x, at.y, floor + size.z);
-            if is_free(&center, size.xy().norm(), 2.0 * size.z) {
-                let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), random.between(-0.5, 0.5));
-                self.add_box(center, size, &turn, Material::Mat);
+        // Pictures, strips of tape and a mat or two lie on the floor.
+        let flat = [Material::PlayMat, Material::Tape, Material::PlayMat, Material::Tape, Material::Mat, Material::PlayMat, Material::Tape];
+        for (k, material) in flat.iter().enumerate() {
+            let half = match material {
+                Material::Tape => Vector3::new(random.between(1.0, 1.8), 0.055, 0.001 + 1e-4 * k as f64) * scale,
+                Material::Mat => Vector3::new(1.0, 0.5, 0.06) * scale,
+                _ => Vector3::new(random.between(0.6, 0.95), random.between(0.45, 0.65), 0.002 + 1e-4 * k as f64) * scale,
+            };
+            let spot = self.place(config, random, half.xy().norm() + 0.2);
+            let center = Vector3::new(spot.x, spot.y, floor + half.z);
+            let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), random.between(-1.5, 1.5));
+            if is_free(&center, half.xy().norm(), 2.0 * half.z) {
+                self.add_box(center, half, &turn, *material, Hidden::Underside);
+            }
+        }
+        // A stack of mats.
+        let spot = self.place(config, random, 1.2 * scale);
+        if is_free(&spot, 1.1 * scale, 0.75 * scale) {
+            let heading = random.between(-1.5, 1.5);
+            for layer in 0..4 {
+                let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), heading + random.between(-0.05, 0.05));
+                let half = Vector3::new(1.0, 0.55, 0.08) * scale;
+                self.add_box(
+                    Vector3::new(spot.x, spot.y, floor + half.z * (1.0 + 2.05 * f64::from(layer))),
+                    half,
+                    &turn,
+                    Material::Mat,
+                    Hidden::Underside,
+                );
             }
         }
         // Boxes, crates and cabinets stand about, rather along the walls.
@@ -274,40 +365,75 @@ impl Scene {
             if placed == config.boxes {
                 break;
             }
-            let size = Vector3::new(random.between(0.15, 0.5), random.between(0.15, 0.45), random.between(0.15, 0.75)) * scale;
-            let at = self.place(config, random, size.xy().norm());
-            let center = Vector3::new(at.x, at.y, floor + size.z);
-            if is_free(&center, size.xy().norm(), 2.0 * size.z) {
+            let half = Vector3::new(random.between(0.15, 0.5), random.between(0.15, 0.45), random.between(0.15, 0.75)) * scale;
+            let spot = self.place(config, random, half.xy().norm());
+            let center = Vector3::new(spot.x, spot.y, floor + half.z);
+            if is_free(&center, half.xy().norm(), 2.0 * half.z) {
                 let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), random.between(-1.5, 1.5));
-                self.add_box(center, size, &turn, materials[placed % materials.len()]);
+                self.add_box(center, half, &turn, materials[placed % materials.len()], Hidden::Underside);
                 placed += 1;
             }
         }
-        // Boards hang on the walls and lean against them.
-        let boards = [Material::Poster, Material::Checkerboard, Material::Poster, Material::Wood, Material::Poster, Material::Metal];
-        for k in 0..12 {
-            let material = boards[k % boards.len()];
-            let side = k % 4;
-            let (width, height, depth) = match material {
-                Material::Checkerboard => (0.45, 0.35, 0.01),
-                Material::Poster => (random.between(0.35, 0.6), random.between(0.4, 0.7), 0.008),
-                _ => (random.between(0.3, 0.8), random.between(0.4, 0.9), 0.02),
-            };
-            let (width, height) = (width * scale, height * scale);
-            let (sine, cosine) = (f64::from(u8::try_from(side).unwrap_or(0)) * std::f64::consts::FRAC_PI_2).sin_cos();
-            let along = random.between(-0.85, 0.85);
-            let outward = Vector3::new(cosine.round(), sine.round(), 0.0);
-            let sideways = Vector3::new(-sine.round(), cosine.round(), 0.0);
-            let reach = half.component_mul(&outward).norm();
-            let span = half.component_mul(&sideways).norm() - width;
-            let lift = random.between(height, (config.size_m.z - height).max(height + 0.1) * 0.8);
-            let center = config.floor_center_m + outward * (reach - depth - 0.005) + sideways * (along * span) + Vector3::z() * lift;
-            if is_free(&center, width, 2.0 * config.size_m.z) {
-                // The board's z is up, its x faces the room.
-                let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), sine.atan2(cosine) + std::f64::consts::PI);
-                self.add_box(center, Vector3::new(depth, width, height), &turn, material);
+        for side in 0..4 {
+            self.dress_wall(config, random, side, scale, &is_free);
+        }
+    }
+
+    /// Hangs windows with curtains and heaters, pictures and boards on a wall, and leans mats and boards against it.
+    fn dress_wall(
+        &mut self,
+        config: &RoomConfig,
+        random: &mut Random,
+        side: u8,
+        scale: f64,
+        is_free: &dyn Fn(&Vector3<f64>, f64, f64) -> bool,
+    ) {
+        let half_room = config.size_m * 0.5;
+        let (sine, cosine) = (f64::from(side) * std::f64::consts::FRAC_PI_2).sin_cos();
+        let outward = Vector3::new(cosine.round(), sine.round(), 0.0);
+        let sideways = Vector3::new(-sine.round(), cosine.round(), 0.0);
+        let (reach, span) = (half_room.component_mul(&outward).norm(), half_room.component_mul(&sideways).norm());
+        // The board's x faces the room, its z is up; `tilt` leans its top towards the wall.
+        let mut hang = |along: f64, lift: f64, half: Vector3<f64>, tilt: f64, material: Material| {
+            let half = half.component_mul(&Vector3::new(1.0, scale, scale));
+            let (lean, stand) = tilt.sin_cos();
+            let depth = half.z * lean + half.x * stand + 0.004;
+            let height = if tilt > 0.0 { half.z * stand + half.x * lean } else { lift * scale };
+            let center = config.floor_center_m + outward * (reach - depth) + sideways * (along * (span - half.y)) + Vector3::z() * height;
+            let fits = height + half.z < config.size_m.z;
+            if fits && is_free(&center, half.y, 2.0 * config.size_m.z) {
+                let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), sine.atan2(cosine) + std::f64::consts::PI)
+                    * Rotation3::from_axis_angle(&Vector3::y_axis(), -tilt);
+                self.add_box(center, half, &turn, material, Hidden::Back);
+            }
+        };
+        // Windows on two of the walls.
+        if side.is_multiple_of(2) {
+            for along in [-0.6, 0.1] {
+                let along = along + random.between(-0.1, 0.1);
+                let aside = 0.95 * scale / span;
+                hang(along, 2.2, Vector3::new(0.01, 0.75, 0.95), 0.0, Material::Window);
+                hang(along - aside, 2.0, Vector3::new(0.04, 0.3, 1.25), 0.0, Material::Curtain);
+                hang(along + aside, 2.0, Vector3::new(0.05, 0.25, 1.25), 0.0, Material::Curtain);
+                hang(along, 0.5, Vector3::new(0.06, 0.6, 0.35), 0.0, Material::Radiator);
             }
         }
+        for k in 0..3 {
+            let along = -0.9 + 0.75 * f64::from(k) + random.between(-0.1, 0.1);
+            let upright = random.unit() < 0.6;
+            let half = if upright { Vector3::new(0.06, 0.5, 1.0) } else { Vector3::new(0.06, 1.0, 0.5) };
+            if side % 2 == 1 || !upright {
+                hang(along, 0.0, half, random.between(0.06, 0.2), Material::Mat);
+            }
+        }
+        let board = [Material::Checkerboard, Material::Pallet, Material::Checkerboard, Material::Metal][usize::from(side) % 4];
+        let half = if board == Material::Checkerboard { Vector3::new(0.006, 0.32, 0.24) } else { Vector3::new(0.06, 0.6, 0.5) };
+        hang(random.between(-0.3, 0.9), 0.0, half, random.between(0.12, 0.25), board);
+        for _ in 0..2 {
+            let half = Vector3::new(0.006, random.between(0.3, 0.55), random.between(0.35, 0.6));
+            hang(random.between(-0.9, 0.9), random.between(1.3, 2.2), half, 0.0, Material::Poster);
+        }
+        hang(random.between(-0.9, 0.9), random.between(2.2, 2.9), Vector3::new(0.02, random.between(0.3, 0.8), 0.25), 0.0, Material::Metal);
     }
 
     /// A spot on the floor, more often near a wall than in the middle.
@@ -355,7 +481,7 @@ mod tests {
         let mut scene = Scene { quads: Vec::new() };
         let half = Vector3::new(0.2, 0.3, 0.5);
         let center = Vector3::new(1.0, 2.0, 3.0);
-        scene.add_box(center, half, &Rotation3::from_euler_angles(0.3, -0.7, 1.1), Material::Wood);
+        scene.add_box(center, half, &Rotation3::from_euler_angles(0.3, -0.7, 1.1), Material::Wood, Hidden::Nothing);
         // Divergence theorem: Σ area · nᵀ(x − c) = 3 V.
         let flux: f64 = scene.quads.iter().map(|quad| quad.size_m[0] * quad.size_m[1] * quad.normal.dot(&(quad.corner - center))).sum();
         assert!((flux - 3.0 * 8.0 * 0.2 * 0.3 * 0.5).abs() < 1e-12);

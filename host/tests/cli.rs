@@ -1,0 +1,105 @@
+//! The command as a user meets it: exit codes, messages, files.
+#![allow(clippy::unwrap_used)]
+
+#[path = "../../tests/support/mod.rs"]
+mod support;
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use support::Folder;
+
+fn libella(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_libella")).args(arguments).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn an_unknown_key_is_refused_before_any_data_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("mine.toml");
+    std::fs::write(&config, "seed = 3\n[estimator]\nsigma_pixel = 1.0\n").unwrap();
+    // The recording does not exist either; the configuration is what is complained about.
+    let done = libella(&["run", "nowhere", "--config", config.to_str().unwrap()]);
+    let said = text(&done.stderr);
+    assert_eq!(done.status.code(), Some(2), "{said}");
+    assert!(said.contains("mine.toml line 3") && said.contains("sigma_pixel") && !said.contains("nowhere"), "{said}");
+    let absent = libella(&["run", "nowhere", "--config", "absent.toml"]);
+    assert_eq!(absent.status.code(), Some(2), "{}", text(&absent.stderr));
+}
+
+#[test]
+fn a_missing_recording_is_named_in_one_line() {
+    let done = libella(&["run", "nowhere"]);
+    assert_eq!(done.status.code(), Some(3));
+    assert_eq!(text(&done.stderr).lines().count(), 1);
+    assert!(text(&done.stderr).starts_with("libella: nowhere: "), "{}", text(&done.stderr));
+}
+
+#[test]
+fn the_printed_configuration_is_accepted_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let printed = libella(&["config"]);
+    assert!(printed.status.success());
+    let config = folder.path().join("default.toml");
+    std::fs::write(&config, &printed.stdout).unwrap();
+    // Gets past the configuration, to the recording.
+    assert_eq!(libella(&["run", "nowhere", "--config", config.to_str().unwrap()]).status.code(), Some(3));
+}
+
+#[test]
+fn evaluate_prints_figures_a_program_can_read() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/evo");
+    let (estimate, truth) = (golden.join("estimate.tum"), golden.join("truth.csv"));
+    let done = libella(&["evaluate", estimate.to_str().unwrap(), truth.to_str().unwrap(), "--json"]);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let figures: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(figures["matched_poses"], 240);
+    let done = libella(&["evaluate", truth.to_str().unwrap(), golden.join("make.py").to_str().unwrap()]);
+    assert_eq!(done.status.code(), Some(3));
+    assert!(text(&done.stderr).contains("make.py line "), "{}", text(&done.stderr));
+}
+
+#[test]
+fn trajectories_that_share_no_time_give_no_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let (a, b) = (folder.path().join("a.tum"), folder.path().join("b.tum"));
+    std::fs::write(&a, "1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n").unwrap();
+    std::fs::write(&b, "11.0 0 0 0 0 0 0 1\n12.0 1 0 0 0 0 0 1\n").unwrap();
+    let done = libella(&["evaluate", a.to_str().unwrap(), b.to_str().unwrap()]);
+    assert_eq!(done.status.code(), Some(4), "{}", text(&done.stderr));
+}
+
+#[test]
+fn a_recording_at_rest_leaves_its_files_and_a_report_with_the_promised_names() {
+    let folder = Folder::new();
+    let out = folder.root().join("results");
+    let done = libella(&["run", folder.root().to_str().unwrap(), "--out", out.to_str().unwrap(), "--scalar", "f32", "--seed", "5"]);
+    // One second of rest in front of a chessboard may or may not be enough to start from.
+    assert!(matches!(done.status.code(), Some(0 | 4)), "{}", text(&done.stderr));
+    for file in ["trajectory.tum", "trajectory.csv", "trajectory.svg", "trajectory.png"] {
+        assert!(out.join(file).metadata().unwrap().len() > 0, "{file}");
+    }
+    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
+    for name in ["configuration", "coverage", "initialised_after_s", "ate_rmse_m", "scale_error_percent", "rpe", "wall_s", "rss_peak_mb"] {
+        assert!(report.get(name).is_some(), "{name}");
+    }
+    for name in ["median", "p95", "max", "stages"] {
+        assert!(report["core_ms"].get(name).is_some(), "{name}");
+    }
+    assert_eq!((&report["scalar"], &report["seed"], &report["frames"]), (&"f32".into(), &5.into(), &10.into()));
+    assert_eq!(report["poses"].as_u64().unwrap() == 0, done.status.code() == Some(4));
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_is_found_out_before_the_run() {
+    let folder = Folder::new();
+    let taken = folder.root().join("taken");
+    std::fs::write(&taken, "a file").unwrap();
+    let done = libella(&["run", folder.root().to_str().unwrap(), "--out", taken.to_str().unwrap()]);
+    assert_eq!(done.status.code(), Some(5), "{}", text(&done.stderr));
+    assert!(text(&done.stdout).is_empty() && text(&done.stderr).contains("taken"));
+}

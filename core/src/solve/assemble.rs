@@ -266,8 +266,7 @@ fn add_inertial<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
     settings: &Settings<T>,
     to: usize,
 ) -> T {
-    let (Some(root), Some(before), Some(after)) = (workspace.imu_square_root(to), window.frames.get(to - 1), window.frames.get(to))
-    else {
+    let (Some(root), Some(before), Some(after)) = (workspace.imu_square_root(to), window.frames.get(to - 1), window.frames.get(to)) else {
         return T::ZERO;
     };
     let linear = imu::linearize(

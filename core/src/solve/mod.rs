@@ -1,5 +1,8 @@
 //! Levenberg-Marquardt over the window, the Schur complement of its landmarks, and marginalisation.
 
+// Indices as in the equations; and a comparison that NaN must fail is written so.
+#![allow(clippy::needless_range_loop, clippy::neg_cmp_op_on_partial_ord)]
+
 mod assemble;
 pub mod chain;
 pub mod cholesky;

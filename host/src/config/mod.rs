@@ -51,13 +51,13 @@ pub struct EstimatorSection {
     pub imu_walk_inflation: f64,
     /// Magnitude of gravity, m/s². Default 9.81.
     pub gravity_m_s2: f64,
-    /// Standard deviation of a corner's position, px. Default 1.0.
+    /// Standard deviation of a corner's position, px. Default 0.35.
     pub sigma_px: f64,
-    /// Where the Huber cost of an observation turns linear, in standard deviations. Default 1.5.
+    /// Where the Huber cost of an observation turns linear, in standard deviations. Default 2.0.
     pub huber: f64,
     /// Squared whitened residual over which an observation is taken out after solving (χ² of 2 degrees of freedom). Default 9.21.
     pub outlier_chi2: f64,
-    /// A frame becomes a keyframe when its corners have moved this far since the last one, rotation apart, px. Default 12.0.
+    /// A frame becomes a keyframe when its corners have moved this far since the last one, rotation apart, px. Default 20.0.
     pub keyframe_parallax_px: f64,
     /// Or when less than this share of its corners was seen by the last one. Default 0.6.
     pub keyframe_shared_ratio: f64,
@@ -67,6 +67,8 @@ pub struct EstimatorSection {
     pub depth_significance: f64,
     /// Standard deviation of the velocity of a body found at rest, m/s. Default 0.02.
     pub rest_sigma_m_s: f64,
+    /// Common displacement of the corners from image to image below which the image stands still, px. Default 0.25.
+    pub rest_motion_px: f64,
     /// Corners that have to be seen for a pose to count as tracked; below, it coasts. Default 8.
     pub least_tracked: usize,
     /// Longest time without vision before tracking is lost, s. Default 5.0.
@@ -147,6 +149,7 @@ impl Default for EstimatorSection {
             keyframe_interval_s: core.keyframe_interval_s,
             depth_significance: core.depth_significance,
             rest_sigma_m_s: core.rest_sigma_m_s,
+            rest_motion_px: core.rest_motion_px,
             least_tracked: core.least_tracked,
             longest_coast_s: core.longest_coast_s,
             shortest_initialisation_s: core.shortest_initialisation_s,
@@ -219,6 +222,7 @@ impl Config {
             ("estimator.keyframe_interval_s", estimator.keyframe_interval_s),
             ("estimator.depth_significance", estimator.depth_significance),
             ("estimator.rest_sigma_m_s", estimator.rest_sigma_m_s),
+            ("estimator.rest_motion_px", estimator.rest_motion_px),
             ("estimator.longest_coast_s", estimator.longest_coast_s),
             ("estimator.shortest_initialisation_s", estimator.shortest_initialisation_s),
             ("estimator.initialisation_spacing_s", estimator.initialisation_spacing_s),
@@ -270,6 +274,7 @@ impl Config {
             keyframe_interval_s: T::of(estimator.keyframe_interval_s),
             depth_significance: T::of(estimator.depth_significance),
             rest_sigma_m_s: T::of(estimator.rest_sigma_m_s),
+            rest_motion_px: T::of(estimator.rest_motion_px),
             least_tracked: estimator.least_tracked,
             longest_coast_s: T::of(estimator.longest_coast_s),
             shortest_initialisation_s: T::of(estimator.shortest_initialisation_s),

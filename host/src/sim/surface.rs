@@ -66,7 +66,9 @@ impl Surface {
     /// Evaluates a cover under a light and builds the levels.
     fn bake(scene: &Scene, index: usize, lamps: &[Lamp], seed: u64) -> Self {
         let quad = &scene.quads[index];
-        let counts = texel_counts(quad);
+        // Things in a hall of 11 times a room's floor are seen from three times as far.
+        let largest = scene.quads.iter().map(|quad| quad.size_m[0] * quad.size_m[1]).fold(64.0, f64::max);
+        let counts = texel_counts(quad, (64.0 / largest).sqrt());
         let paint = Paint::new(quad, seed, index as u64, (quad.size_m[0] / counts[0] as f64) as f32);
         let light = LightGrid::new(scene, index, lamps, seed);
         let glow = quad.material.glow();
@@ -114,9 +116,10 @@ impl Surface {
     }
 }
 
-/// How finely a rectangle is sampled: 2 mm on pictures, 3 mm on things, 4 mm on walls, 8 mm overhead, coarser on what is large.
+/// How finely a rectangle is sampled: 2 mm on pictures, 3 mm on things, 4 mm on walls, 8 mm overhead, coarser on what is large;
+/// things get a `share` of the usual number.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-fn texel_counts(quad: &Quad) -> [usize; 2] {
+fn texel_counts(quad: &Quad, share: f64) -> [usize; 2] {
     if quad.material == Material::Checkerboard {
         // A whole number of texels per half square, so that the pattern's corners are corners of texels.
         return CHECKERBOARD_SQUARES.map(|squares| (squares + 1) * 40);
@@ -124,10 +127,11 @@ fn texel_counts(quad: &Quad) -> [usize; 2] {
     let area = quad.size_m[0] * quad.size_m[1];
     // The finest texel and the most of them: a hall is seen from further away than a room.
     let (base, most) = match quad.material {
-        Material::PlayMat | Material::Poster | Material::Tape => (0.002, 6e5),
+        Material::PlayMat | Material::Poster | Material::Tape => (0.002, 6e5 * share),
         Material::Ceiling => (0.008, 1e6),
-        _ if area > 8.0 => (0.004, 4e6),
-        _ => (0.003, 2.5e5),
+        _ if area > 25.0 => (0.004, 4e6),
+        _ if area > 8.0 => (0.004, 4e5 * share),
+        _ => (0.003, 2.5e5 * share),
     };
     let texel_m = f64::max(base, (area / most).sqrt());
     quad.size_m.map(|side| ((side / texel_m).ceil() as usize).max(2))

@@ -13,14 +13,14 @@ use libella_core::imu::ImuSample;
 use libella_core::profile::Desktop;
 use libella_core::real::Real;
 use libella_core::time::Timestamp;
-use libella_host::sim::{AnalyticConfig, ImuConfig, MotionSource, RenderConfig, RenderedFlight, euroc};
+use libella_host::sim::{AnalyticConfig, ImuConfig, MotionKind, MotionSource, RenderConfig, RenderedFlight, euroc};
 use nalgebra::Isometry3;
 
 const WIDTH: usize = 752;
 const HEIGHT: usize = 480;
-const IMAGES: usize = 100;
+const IMAGES: usize = 200;
 
-/// The data of five seconds of flight.
+/// The data of ten seconds of flight.
 struct Flight {
     images: Vec<(Timestamp, Vec<u8>)>,
     imu: Vec<ImuSample<f64>>,
@@ -28,7 +28,10 @@ struct Flight {
 
 impl Flight {
     fn render() -> Self {
-        let motion = MotionSource::Analytic(AnalyticConfig { duration_s: 10.0, ..AnalyticConfig::default() }, ImuConfig::default());
+        let motion = MotionSource::Analytic(
+            AnalyticConfig { kind: MotionKind::Medium, duration_s: 10.5, ..AnalyticConfig::default() },
+            ImuConfig::default(),
+        );
         let flight = RenderedFlight::new(&motion, &RenderConfig::default(), 1, 1).unwrap();
         let renderer = flight.renderer(0).unwrap();
         let images = (0..IMAGES).map(|i| (flight.flight.frame_stamps[i], flight.image(&renderer, i).unwrap().pixels)).collect();
@@ -107,7 +110,12 @@ fn measure<T: Real>(criterion: &mut Criterion, flight: &Flight, scalar: &str) {
             images += 1;
         }
     }
-    assert!(images > 0, "the flight never filled the window");
+    assert!(
+        images > 0,
+        "the flight never filled the window: {:?}, {} frames",
+        player.estimator.health(),
+        player.estimator.window().frames.len()
+    );
     println!("{scalar}: {images} images, on average {} solved tracks and {} frames", tracks / images, frames / images);
     let mut group = criterion.benchmark_group(format!("frame/{scalar}/752x480"));
     group.sample_size(20);

@@ -3,7 +3,7 @@
 //! `cargo test --test budget -- --nocapture` prints the table.
 
 use libella_core::image::PyramidPair;
-use libella_core::profile::Desktop;
+use libella_core::profile::{Desktop, Micro, MicroPyramids, Mobile};
 
 const KIB: usize = 1024;
 const MIB: usize = 1024 * KIB;
@@ -22,7 +22,10 @@ macro_rules! budgets {
 budgets! {
     "Desktop<f64>" Desktop<f64>, 8 * MIB;
     "Desktop<f32>" Desktop<f32>, 8 * MIB;
+    "Mobile" Mobile, 512 * KIB;
+    "Micro" Micro, 77 * KIB;
     "pyramids 752x480" Pyramids, MIB;
+    "pyramids 160x120" MicroPyramids, 51 * KIB;
 }
 
 #[test]

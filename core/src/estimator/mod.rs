@@ -21,7 +21,7 @@ use crate::imu::ImuNoise;
 use crate::init::InitLandmark;
 use crate::real::Real;
 use crate::robust::kernel::Kernel;
-use crate::solve::{MarginalizationWorkspace, Settings, Workspace};
+use crate::solve::{Settings, Workspace};
 use crate::time::Timestamp;
 use crate::track::{FrontEnd, FrontEndConfig};
 use crate::window::{CommonFlow, Window};
@@ -44,7 +44,6 @@ pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POI
     window: Window<T, FRAMES, POINTS>,
     prior: Prior<T, FRAMES, PAIRS>,
     workspace: Workspace<T, FRAMES, PAIRS>,
-    marginalization: MarginalizationWorkspace<T, FRAMES, PAIRS>,
     health: Health,
     pose_covariance: SMatrix<T, 6, 6>,
     /// A frame was pushed and not yet worked on.
@@ -86,7 +85,6 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             window: Window::default(),
             prior: Prior::default(),
             workspace: Workspace::default(),
-            marginalization: MarginalizationWorkspace::default(),
             health: Health::Initialising(Waiting::Imu),
             pose_covariance: SMatrix::zeros(),
             pending: false,

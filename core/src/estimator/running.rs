@@ -1,12 +1,11 @@
 //! One image while the window stands: triangulate, solve, clean, slide.
 
-use nalgebra::{SMatrix, Vector3};
+use nalgebra::Vector3;
 
 use super::{Estimator, FrameOutcome, Health, StepBudget};
 use crate::factor::reprojection;
 use crate::real::Real;
 use crate::solve::optimize;
-use crate::storage::blocks::place;
 
 /// Images in a row that the solution may contradict before it counts as lost: half a second at 20 Hz.
 const MOST_CONTRADICTIONS: u8 = 10;
@@ -73,7 +72,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     fn remove_outliers(&mut self) {
         let gate = self.config.outlier_chi2;
         let newest = self.window.frames.len().saturating_sub(1);
-        let pairs = &self.workspace.geometry.pairs;
+        let geometry = &self.workspace.geometry;
         let mut removed = 0;
         for landmark in self.window.landmarks.iter_mut().filter(|landmark| landmark.active) {
             let anchor = landmark.anchor();
@@ -81,7 +80,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             let inverse_depth = landmark.inverse_depth;
             let mut contradicted = 0_u32;
             for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor) {
-                let agrees = reprojection::residual(&pairs[anchor][frame], &direction, inverse_depth, point)
+                let agrees = reprojection::residual(geometry.pair(anchor, frame), &direction, inverse_depth, point)
                     .is_some_and(|residual| residual.norm_squared() < gate);
                 if !agrees {
                     contradicted |= 1 << frame;
@@ -116,14 +115,9 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.window.landmarks.iter().filter(|landmark| landmark.is_seen_in(newest) && landmark.observations() > 1).count()
     }
 
-    /// The newest frame comes last in the elimination, so its covariance is that of the last diagonal block alone.
     fn update_covariance(&mut self) {
-        let Some(last) = self.window.frames.len().checked_sub(1) else { return };
-        let block = &self.workspace.hessian[place(last, last)];
-        let lower = SMatrix::<T, 15, 15>::from_fn(|r, c| if c <= r { block[r][c] } else { T::ZERO });
-        if let Some(inverse) = lower.solve_lower_triangular(&SMatrix::<T, 15, 15>::identity()) {
-            let covariance = inverse.tr_mul(&inverse);
-            self.pose_covariance = covariance.fixed_view::<6, 6>(0, 0).into_owned();
+        if let Some(covariance) = self.workspace.newest_pose_covariance(self.window.frames.len()) {
+            self.pose_covariance = covariance;
         }
     }
 

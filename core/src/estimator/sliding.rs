@@ -33,7 +33,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     }
 
     fn retire_oldest(&mut self, keyframes: usize) {
-        marginalize_oldest(&mut self.window, &mut self.prior, &mut self.workspace, &mut self.marginalization, &self.settings, keyframes);
+        marginalize_oldest(&mut self.window, &mut self.prior, &mut self.workspace, &self.settings, keyframes);
         self.report.marginalized = true;
     }
 

@@ -2,7 +2,14 @@
 //!
 //! # Model
 //! `½ ‖R δ + d‖²` with `δ = x ⊟ x₀` stacked over the oldest frames of the window, `x₀` their first estimates, `R` upper
-//! triangular. Jacobians stay where they were first evaluated (first-estimate Jacobians), so the prior gives no
+//! triangular. Inertial samples tie a leaving frame to its successor alone, landmarks to poses: so the prior speaks of the whole
+//! state of the oldest frame and of the poses of the others,
+//! ```text
+//! R = [ H  C₁ C₂ … ]      H 15×15, C_j 15×6
+//!     [    P₁₁ P₁₂ … ]    P_ij 6×6
+//!     [        P₂₂ … ]
+//! ```
+//! Jacobians stay where they were first evaluated (first-estimate Jacobians), so the prior gives no
 //! information along the unobservable directions (position, yaw). Keeping `R` instead of `RᵀR` halves the digits that
 //! the prior needs, which is what `f32` has.
 
@@ -14,10 +21,16 @@ use crate::window::Frame;
 /// A square-root prior on the first `frames` frames of the window.
 #[derive(Debug)]
 pub struct Prior<T: Real, const FRAMES: usize, const PAIRS: usize> {
-    /// `R`: block row `i`, block column `j ≥ i` at `place(j, i)`.
-    pub triangle: [Block<T, 15>; PAIRS],
-    /// `d`.
-    pub right: [[T; 15]; FRAMES],
+    /// `H`, upper triangular.
+    pub head: Block<T, 15>,
+    /// `C_j` at `j`; the first is unused.
+    pub coupling: [[[T; 6]; 15]; FRAMES],
+    /// `P_ij`, `1 ≤ i ≤ j`, at `place(j, i)`.
+    pub poses: [Block<T, 6>; PAIRS],
+    /// `d` of the oldest frame.
+    pub right_head: [T; 15],
+    /// `d` of the poses.
+    pub right: [[T; 6]; FRAMES],
     /// How many frames, from the oldest, it speaks of.
     pub frames: usize,
     /// Where the very first prior was set up; from the first marginalisation on, first estimates take its place.
@@ -27,15 +40,27 @@ pub struct Prior<T: Real, const FRAMES: usize, const PAIRS: usize> {
 impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for Prior<T, FRAMES, PAIRS> {
     fn default() -> Self {
         const { assert!(PAIRS == pairs(FRAMES), "PAIRS must be FRAMES (FRAMES + 1) / 2") };
-        Self { triangle: [zero_block(); PAIRS], right: [[T::ZERO; 15]; FRAMES], frames: 0, origin: None }
+        Self {
+            head: zero_block(),
+            coupling: [[[T::ZERO; 6]; 15]; FRAMES],
+            poses: [zero_block(); PAIRS],
+            right_head: [T::ZERO; 15],
+            right: [[T::ZERO; 6]; FRAMES],
+            frames: 0,
+            origin: None,
+        }
     }
 }
 
+/// `R δ + d`: the rows of the oldest frame and those of the poses.
+struct Residual<T, const FRAMES: usize> {
+    head: [T; 15],
+    poses: [[T; 6]; FRAMES],
+}
+
 impl<T: Real, const FRAMES: usize, const PAIRS: usize> Prior<T, FRAMES, PAIRS> {
-    /// Says nothing any more.
+    /// Says nothing any more. Matrices are overwritten where the prior is next set up.
     pub fn clear(&mut self) {
-        self.triangle.fill(zero_block());
-        self.right.fill([T::ZERO; 15]);
         self.frames = 0;
         self.origin = None;
     }
@@ -44,8 +69,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Prior<T, FRAMES, PAIRS> {
     pub fn settle(&mut self, frames: &[Frame<T>]) {
         if let (Some(_), Some(frame)) = (self.origin, frames.first()) {
             let at_first_estimate = Frame { state: *frame.linearization_point(), ..*frame };
-            let deltas = self.deltas(core::slice::from_ref(&at_first_estimate));
-            self.right[0] = self.residual(&deltas, 0);
+            self.right_head = self.residual(core::slice::from_ref(&at_first_estimate)).head;
             self.origin = None;
         }
     }
@@ -53,48 +77,75 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Prior<T, FRAMES, PAIRS> {
     /// Twice the cost, `‖R δ + d‖²`.
     #[must_use]
     pub fn cost(&self, frames: &[Frame<T>]) -> T {
-        let deltas = self.deltas(frames);
-        (0..self.frames).flat_map(|i| self.residual(&deltas, i)).fold(T::ZERO, |sum, r| sum + r * r)
+        self.residual(frames).squared()
     }
 
-    /// Adds `RᵀR` to the lower block triangle `hessian` and `Rᵀ (R δ + d)` to `gradient`.
-    pub fn add_to(&self, frames: &[Frame<T>], hessian: &mut [Block<T, 15>], gradient: &mut [[T; 15]]) {
-        let deltas = self.deltas(frames);
-        for k in 0..self.frames {
-            let residual = self.residual(&deltas, k);
-            for i in k..self.frames {
-                let rows = &self.triangle[place(i, k)];
-                for (row, value) in rows.iter().zip(&residual) {
-                    for (out, entry) in gradient[i].iter_mut().zip(row) {
-                        *out += *entry * *value;
-                    }
+    /// Adds `RᵀR` to the lower block triangle `hessian` and `Rᵀ (R δ + d)` to `gradient`; returns `‖R δ + d‖²`.
+    pub fn add_to(&self, frames: &[Frame<T>], hessian: &mut [Block<T, 15>], gradient: &mut [[T; 15]]) -> T {
+        if self.frames == 0 {
+            return T::ZERO;
+        }
+        let residual = self.residual(frames);
+        add_transposed_product(&mut hessian[0], &self.head, &self.head);
+        add_transposed_times(&mut gradient[0], &self.head, &residual.head);
+        for i in 1..self.frames {
+            add_transposed_product(&mut hessian[place(i, 0)], &self.coupling[i], &self.head);
+            add_transposed_times(&mut gradient[i], &self.coupling[i], &residual.head);
+            for j in 1..=i {
+                let target = &mut hessian[place(i, j)];
+                add_transposed_product(target, &self.coupling[i], &self.coupling[j]);
+                for k in 1..=j {
+                    add_transposed_product(target, &self.poses[place(i, k)], &self.poses[place(j, k)]);
                 }
-                for j in k..=i {
-                    add_transposed_product(&mut hessian[place(i, j)], rows, &self.triangle[place(j, k)]);
-                }
+                add_transposed_times(&mut gradient[i], &self.poses[place(i, j)], &residual.poses[j]);
             }
         }
+        residual.squared()
     }
 
-    /// `x ⊟ x₀` of each frame that the prior speaks of.
-    fn deltas(&self, frames: &[Frame<T>]) -> [[T; 15]; FRAMES] {
-        let mut deltas = [[T::ZERO; 15]; FRAMES];
-        for (delta, frame) in deltas.iter_mut().zip(frames).take(self.frames) {
-            *delta = frame.state.local(self.origin.as_ref().unwrap_or(frame.linearization_point()));
-        }
-        deltas
-    }
-
-    /// Block row `k` of `R δ + d`.
-    fn residual(&self, deltas: &[[T; 15]; FRAMES], k: usize) -> [T; 15] {
-        let mut out = self.right[k];
-        for j in k..self.frames {
-            for (value, row) in out.iter_mut().zip(&self.triangle[place(j, k)]) {
-                for (entry, delta) in row.iter().zip(&deltas[j]) {
-                    *value += *entry * *delta;
-                }
+    fn residual(&self, frames: &[Frame<T>]) -> Residual<T, FRAMES> {
+        let mut out = Residual { head: self.right_head, poses: self.right };
+        for (j, frame) in frames.iter().enumerate().take(self.frames) {
+            // δ = x ⊟ x₀
+            let delta = frame.state.local(self.origin.as_ref().unwrap_or(frame.linearization_point()));
+            if j == 0 {
+                add_times(&mut out.head, &self.head, &delta);
+                continue;
             }
+            add_times(&mut out.head, &self.coupling[j], &delta);
+            for i in 1..=j {
+                add_times(&mut out.poses[i], &self.poses[place(j, i)], &delta);
+            }
+        }
+        out.poses[self.frames.max(1)..].fill([T::ZERO; 6]);
+        out.poses[0] = [T::ZERO; 6];
+        if self.frames == 0 {
+            out.head = [T::ZERO; 15];
         }
         out
+    }
+}
+
+impl<T: Real, const FRAMES: usize> Residual<T, FRAMES> {
+    fn squared(&self) -> T {
+        self.head.iter().chain(self.poses.as_flattened()).fold(T::ZERO, |sum, value| sum + *value * *value)
+    }
+}
+
+/// `y += A x`, by as much of `x` as `A` has columns.
+fn add_times<T: Real, const N: usize>(y: &mut [T], a: &[[T; N]], x: &[T; 15]) {
+    for (out, row) in y.iter_mut().zip(a) {
+        for (entry, value) in row.iter().zip(x) {
+            *out += *entry * *value;
+        }
+    }
+}
+
+/// `y += Aᵀ x`, onto as much of `y` as `A` has columns.
+fn add_transposed_times<T: Real, const N: usize>(y: &mut [T; 15], a: &[[T; N]], x: &[T]) {
+    for (row, value) in a.iter().zip(x) {
+        for (out, entry) in y.iter_mut().zip(row) {
+            *out += *entry * *value;
+        }
     }
 }

@@ -6,20 +6,24 @@
 //! X   = R_ja b + λ t_ja                       (the point in camera j, times λ)
 //! r   = s (X_xy / X_z − z)                                                    2×1, whitened
 //! P   = s/X_z [1 0 −X_x/X_z; 0 1 −X_y/X_z]                                    2×3
-//! ∂r/∂φ_a = −P R_ja [b + λ c]× R_CB      ∂r/∂p_a =  λ P R_jW                  2×3 each
-//! ∂r/∂φ_j =  P [X + λ c]× R_CB           ∂r/∂p_j = −λ P R_jW                  2×3 each
-//! ∂r/∂λ   =  P t_ja                                                          2×1
+//! ∂r/∂θ_j = P [X]×      ∂r/∂ρ_j = −λ P      ∂r/∂λ = P t_ja                     2×3, 2×3, 2×1
 //! ```
-//! with `c = R_CB t_BC`, the camera's centre in the body, in camera axes. Rotations are perturbed on the right in the body,
-//! positions in world.
+//! `(θ, ρ)` turn and move the camera in its own axes. The residual depends on the relative pose alone, so what it says
+//! of the anchor is the same row `e = [∂r/∂θ_j ∂r/∂ρ_j]` carried over by the adjoint of `T_ja`:
+//! ```text
+//! ∂r/∂[θ_a ρ_a] = −(M eᵀ)ᵀ     M = [R_jaᵀ  −R_jaᵀ [t_ja]×; 0  R_jaᵀ]           6×6
+//! ```
+//! Sums over landmarks are therefore formed with six columns a pair of frames, and carried over to the anchor
+//! ([`PairGeometry::carry_to_anchor`]) and from camera to body ([`CameraMount::d_camera_d_body`]) once a pair.
 //!
 //! # Degeneracy
 //! `X_z → 0`: no value is returned below a twentieth of the depth at the anchor. `λ = 0` is regular.
 
-use nalgebra::{Isometry3, Matrix2x3, Matrix3, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix3, Vector2, Vector3};
 
 use crate::lie::so3::hat;
 use crate::real::Real;
+use crate::storage::blocks::{Block, zero_block};
 use crate::window::{CameraPose, NormalizedPoint};
 
 /// What two cameras at two poses have in common for all landmarks.
@@ -50,6 +54,25 @@ impl<T: Real> PairGeometry<T> {
     fn transform(&self, direction: &Vector3<T>, inverse_depth: T) -> Vector3<T> {
         self.target_from_anchor * direction + self.translation_in_target * inverse_depth
     }
+
+    /// `M e`, see the module: a gradient with respect to the target's camera becomes minus that of the anchor's.
+    #[inline]
+    #[must_use]
+    pub fn carry_to_anchor(&self, e: &[T; 6]) -> [T; 6] {
+        let (turn, shift) = (Vector3::new(e[0], e[1], e[2]), Vector3::new(e[3], e[4], e[5]));
+        let turned = self.target_from_anchor.tr_mul(&(turn + shift.cross(&self.translation_in_target)));
+        let shifted = self.target_from_anchor.tr_mul(&shift);
+        [turned.x, turned.y, turned.z, shifted.x, shifted.y, shifted.z]
+    }
+
+    /// `Mᵀ x`: what a motion of the anchor's camera is in the axes of the target's.
+    #[inline]
+    #[must_use]
+    pub fn carry_to_target(&self, x: &[T; 6]) -> [T; 6] {
+        let turned = self.target_from_anchor * Vector3::new(x[0], x[1], x[2]);
+        let shifted = self.target_from_anchor * Vector3::new(x[3], x[4], x[5]) + self.translation_in_target.cross(&turned);
+        [turned.x, turned.y, turned.z, shifted.x, shifted.y, shifted.z]
+    }
 }
 
 /// The camera in the body, in the form that the Jacobians need.
@@ -68,16 +91,29 @@ impl<T: Real> CameraMount<T> {
         let camera_from_body = body_from_camera.rotation.inverse().to_rotation_matrix().into_inner();
         Self { camera_from_body, lever_in_camera: camera_from_body * body_from_camera.translation.vector }
     }
+
+    /// `∂[θ ρ]/∂[δφ δp]` of a camera at `camera`, 6×6: `θ = R_CB δφ`, `ρ = R_CW δp − [c]× θ` with `c = R_CB t_BC`.
+    #[must_use]
+    pub fn d_camera_d_body(&self, camera: &CameraPose<T>) -> Block<T, 6> {
+        let lever = -(hat(&self.lever_in_camera) * self.camera_from_body);
+        let mut out = zero_block();
+        for r in 0..3 {
+            for c in 0..3 {
+                out[r][c] = self.camera_from_body[(r, c)];
+                out[r + 3][c] = lever[(r, c)];
+                out[r + 3][c + 3] = camera.world_from_camera[(c, r)];
+            }
+        }
+        out
+    }
 }
 
-/// A whitened residual with its Jacobians; columns of the poses are `[δφ δp]`.
+/// A whitened residual with its Jacobians.
 #[derive(Debug, Clone, Copy)]
 pub struct ReprojectionLinearization<T: Real> {
     /// 2×1.
     pub residual: [T; 2],
-    /// Two rows of six.
-    pub d_residual_d_anchor: [[T; 6]; 2],
-    /// Two rows of six.
+    /// Two rows of six: with respect to `[θ ρ]` of the target's camera.
     pub d_residual_d_target: [[T; 6]; 2],
     /// 2×1.
     pub d_residual_d_inverse_depth: [T; 2],
@@ -99,14 +135,12 @@ pub fn residual<T: Real>(
     Some(Vector2::new((ray.x * inverse_z - point.x) * point.inverse_sigma, (ray.y * inverse_z - point.y) * point.inverse_sigma))
 }
 
-/// The whitened residual at `pair` with its Jacobians at `pair_at_first_estimate`; `target_at_first_estimate` is that
-/// camera's pose. `None` where the landmark is not in front of the camera.
-#[inline]
+/// The whitened residual at `pair` with its Jacobians at `pair_at_first_estimate`. `None` where the landmark is not in front
+/// of the camera.
+#[inline(always)]
 pub fn linearize<T: Real>(
-    mount: &CameraMount<T>,
     pair: &PairGeometry<T>,
     pair_at_first_estimate: &PairGeometry<T>,
-    target_at_first_estimate: &CameraPose<T>,
     direction: &Vector3<T>,
     inverse_depth: T,
     point: &NormalizedPoint<T>,
@@ -116,37 +150,26 @@ pub fn linearize<T: Real>(
     if ray.z < T::of(0.05) {
         return None;
     }
-    let scale = point.inverse_sigma / ray.z;
-    let (x, y) = (ray.x / ray.z, ray.y / ray.z);
+    let s = point.inverse_sigma;
+    let inverse_z = T::one() / ray.z;
+    let (x, y) = (ray.x * inverse_z, ray.y * inverse_z);
+    let scale = s * inverse_z;
+    let shift = -scale * inverse_depth;
+    let t = &pair_at_first_estimate.translation_in_target;
     let o = T::ZERO;
-    let projection = Matrix2x3::new(scale, o, -x * scale, o, scale, -y * scale);
-    let through_anchor = projection * pair_at_first_estimate.target_from_anchor;
-    let lever = mount.lever_in_camera * inverse_depth;
-    let d_anchor_rotation = -(through_anchor * hat(&(direction + lever))) * mount.camera_from_body;
-    let d_target_rotation = (projection * hat(&(ray + lever))) * mount.camera_from_body;
-    let d_anchor_position = projection * target_at_first_estimate.world_from_camera.transpose() * inverse_depth;
-    let d_inverse_depth = projection * pair_at_first_estimate.translation_in_target;
-    let rows = |rotation: &Matrix2x3<T>, position: &Matrix2x3<T>, sign: T| {
-        let mut out = [[T::ZERO; 6]; 2];
-        for (r, row) in out.iter_mut().enumerate() {
-            for c in 0..3 {
-                row[c] = rotation[(r, c)];
-                row[c + 3] = position[(r, c)] * sign;
-            }
-        }
-        out
-    };
     Some(ReprojectionLinearization {
         residual: [value.x, value.y],
-        d_residual_d_anchor: rows(&d_anchor_rotation, &d_anchor_position, T::one()),
-        d_residual_d_target: rows(&d_target_rotation, &d_anchor_position, -T::one()),
-        d_residual_d_inverse_depth: [d_inverse_depth.x, d_inverse_depth.y],
+        d_residual_d_target: [
+            [s * x * y, -s * (T::one() + x * x), s * y, shift, o, -shift * x],
+            [s * (T::one() + y * y), -s * x * y, -s * x, o, shift, -shift * y],
+        ],
+        d_residual_d_inverse_depth: [scale * (t.x - x * t.z), scale * (t.y - y * t.z)],
     })
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Isometry3, SVector, Translation3, UnitQuaternion, Vector2, Vector3};
+    use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3};
     use proptest::prelude::*;
 
     use super::{CameraMount, PairGeometry, linearize, residual};
@@ -188,19 +211,31 @@ mod tests {
             let direction = Vector3::new(x, y, 1.0);
             let point = NormalizedPoint { x: x + 0.01, y: y - 0.02, inverse_sigma: 300.0 };
             let at = pair(&target, &anchor);
-            let target_pose = CameraPose::of(&target, &mount());
-            let linear = linearize(&CameraMount::new(&mount()), &at, &at, &target_pose, &direction, inverse_depth, &point);
+            let linear = linearize(&at, &at, &direction, inverse_depth, &point);
             prop_assume!(linear.is_some());
             let Some(linear) = linear else { return Ok(()) };
             let value = |pair: &PairGeometry<f64>, depth: f64| residual(pair, &direction, depth, &point).unwrap_or_else(Vector2::zeros);
             prop_assert!((value(&at, inverse_depth) - Vector2::from(linear.residual)).norm() < 1e-12);
-            let rows = |rows: [[f64; 6]; 2]| nalgebra::SMatrix::<f64, 2, 6>::from_fn(|r, c| rows[r][c]);
-            assert_close(&rows(linear.d_residual_d_anchor),
+            // From motions of the cameras to motions of the bodies.
+            let in_body = |rows: [[f64; 6]; 2], state: &NavState<f64>| {
+                let by_body = CameraMount::new(&mount()).d_camera_d_body(&CameraPose::of(state, &mount()));
+                SMatrix::<f64, 2, 6>::from_fn(|r, c| rows[r][c]) * SMatrix::<f64, 6, 6>::from_fn(|r, c| by_body[r][c])
+            };
+            let d_anchor = linear.d_residual_d_target.map(|row| at.carry_to_anchor(&row).map(|value| -value));
+            assert_close(&in_body(d_anchor, &anchor),
                 &numerical_jacobian(1e-6, |d| value(&pair(&target, &moved(&anchor, d)), inverse_depth)), 1e-6);
-            assert_close(&rows(linear.d_residual_d_target),
+            assert_close(&in_body(linear.d_residual_d_target, &target),
                 &numerical_jacobian(1e-6, |d| value(&pair(&moved(&target, d), &anchor), inverse_depth)), 1e-6);
             assert_close(&Vector2::from(linear.d_residual_d_inverse_depth),
                 &numerical_jacobian(1e-6, |d: &SVector<f64, 1>| value(&at, inverse_depth + d[0])), 1e-6);
+        }
+
+        /// `xᵀ (M e) = (Mᵀ x)ᵀ e`.
+        #[test]
+        fn gradients_and_motions_are_carried_by_transposes(e in prop::array::uniform6(-1.0f64..1.0), x in prop::array::uniform6(-1.0f64..1.0)) {
+            let at = pair(&state([0.25, -0.1, 0.4], [0.3, 0.1, 0.35]), &state([0.3, -0.2, 0.1], [0.1, 0.2, 0.3]));
+            let dot = |a: [f64; 6], b: [f64; 6]| a.iter().zip(&b).map(|(a, b)| a * b).sum::<f64>();
+            prop_assert!((dot(x, at.carry_to_anchor(&e)) - dot(at.carry_to_target(&x), e)).abs() < 1e-12);
         }
 
         #[test]

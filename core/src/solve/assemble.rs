@@ -8,11 +8,14 @@
 //! δλ = −(g + Wᵀ δx) / c
 //! ```
 //! `w` is the robust weight. The elimination of one landmark touches only the frames that see it.
+//!
+//! All that concerns images is summed over motions of the cameras, six columns a frame, and moved to the bodies at the end:
+//! with `B = ∂[θ ρ]/∂[δφ δp]`, block `(i, j)` of `H` gains `B_iᵀ V_ij B_j`.
 
-use super::workspace::{Settings, Workspace};
+use super::workspace::{PairSum, Settings, Workspace};
 use crate::factor::{imu, prior::Prior, reprojection};
 use crate::real::Real;
-use crate::storage::blocks::{Block, add_transposed_product, place, zero_block};
+use crate::storage::blocks::{Block, add_transposed_product, place, transpose, zero_block};
 use crate::window::{Landmark, Window};
 
 /// Robust cost `½ Σ ρ` at the current states. Needs up-to-date geometry in the workspace.
@@ -28,13 +31,13 @@ pub fn cost<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usiz
         let direction = landmark.direction();
         let anchor = landmark.anchor();
         for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor) {
-            let squared = reprojection::residual(&workspace.geometry.pairs[anchor][frame], &direction, landmark.inverse_depth, point)
+            let squared = reprojection::residual(workspace.geometry.pair(anchor, frame), &direction, landmark.inverse_depth, point)
                 .map_or(settings.behind_camera_cost, |residual| residual.norm_squared());
             total += huber.rho(squared);
         }
     }
-    for pair in window.frames.windows(2).zip(&workspace.imu_square_roots[1..]) {
-        if let ([from, to], Some(root)) = pair {
+    for (pair, i) in window.frames.windows(2).zip(1..) {
+        if let ([from, to], Some(root)) = (pair, workspace.imu_square_root(i)) {
             let residual = root * imu::residual(&to.from_previous, &settings.gravity_in_world, &from.state, &to.state);
             total += residual.norm_squared();
         }
@@ -55,11 +58,12 @@ pub fn assemble<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
 ) -> T {
     let frames = window.frames.len();
     workspace.clear(frames);
-    let mut total = prior.cost(&window.frames);
-    prior.add_to(&window.frames, &mut workspace.hessian, &mut workspace.gradient);
+    let mut total = prior.add_to(&window.frames, &mut workspace.hessian, &mut workspace.gradient);
     for landmark in window.landmarks.iter().filter(|landmark| landmark.active) {
         total += add_landmark(landmark, workspace, settings, damping);
     }
+    add_pairs(workspace, frames);
+    move_to_bodies(workspace, frames, settings);
     for i in 1..frames {
         total += add_inertial(window, workspace, settings, i);
     }
@@ -82,25 +86,29 @@ pub fn back_substitute<T: Real, const FRAMES: usize, const PAIRS: usize, const P
     damping: T,
 ) {
     let huber = settings.kernel;
+    let geometry = &workspace.geometry;
+    let mut camera_steps = [[T::ZERO; 6]; FRAMES];
+    for ((out, camera), step) in camera_steps.iter_mut().zip(&geometry.first_camera_poses).zip(&workspace.step) {
+        *out = settings.mount.d_camera_d_body(camera).map(|row| dot(&row, step));
+    }
     for landmark in window.landmarks.iter_mut().filter(|landmark| landmark.active) {
         let anchor = landmark.anchor();
         let direction = landmark.direction();
         let (mut curvature, mut slope) = (T::ZERO, T::ZERO);
         for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor) {
-            let Some(linear) = workspace.geometry.linearize(settings, anchor, frame, &direction, landmark.inverse_depth, point) else {
+            let Some(linear) = geometry.linearize(anchor, frame, &direction, landmark.inverse_depth, point) else {
                 continue;
             };
             let r = &linear.residual;
             let weight = huber.weight(r[0] * r[0] + r[1] * r[1]);
-            for (row, value) in r.iter().enumerate() {
-                let mut moved = *value;
-                for c in 0..6 {
-                    moved += linear.d_residual_d_anchor[row][c] * workspace.step[anchor][c]
-                        + linear.d_residual_d_target[row][c] * workspace.step[frame][c];
-                }
-                let d_depth = linear.d_residual_d_inverse_depth[row];
-                slope += weight * d_depth * moved;
-                curvature += weight * d_depth * d_depth;
+            // The target's step as the anchor sees it.
+            let mut relative = geometry.first_pairs[place(frame, anchor)].carry_to_target(&camera_steps[anchor]);
+            for (value, own) in relative.iter_mut().zip(&camera_steps[frame]) {
+                *value = *own - *value;
+            }
+            for ((value, e), d_depth) in r.iter().zip(&linear.d_residual_d_target).zip(&linear.d_residual_d_inverse_depth) {
+                slope += weight * *d_depth * (*value + dot(e, &relative));
+                curvature += weight * *d_depth * *d_depth;
             }
         }
         landmark.saved_inverse_depth = landmark.inverse_depth;
@@ -115,6 +123,13 @@ fn damped<T: Real>(curvature: T, damping: T) -> T {
     curvature * (T::one() + damping) + T::of(1e-6)
 }
 
+/// Product of as many entries as `a` has.
+#[inline(always)]
+fn dot<T: Real>(a: &[T; 6], b: &[T]) -> T {
+    a.iter().zip(b).fold(T::ZERO, |sum, (x, y)| sum + *x * *y)
+}
+
+/// Adds one landmark to the sums of its pairs and subtracts its Schur complement. Returns twice its cost.
 fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
     landmark: &Landmark<T, FRAMES>,
     workspace: &mut Workspace<T, FRAMES, PAIRS>,
@@ -125,14 +140,12 @@ fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
     let anchor = landmark.anchor();
     let direction = landmark.direction();
     let (mut curvature, mut slope, mut total) = (T::ZERO, T::ZERO, T::ZERO);
-    let mut anchor_hessian = zero_block::<T, 6>();
-    let mut anchor_gradient = [T::ZERO; 6];
-    let mut anchor_coupling = [T::ZERO; 6];
     // W_f of the frames that see it, oldest first; the anchor's comes first because the anchor is the oldest.
     let mut couplings = [(0_usize, [T::ZERO; 6]); FRAMES];
+    let mut anchor_coupling = [T::ZERO; 6];
     let mut count = 1;
     for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor) {
-        let Some(linear) = workspace.geometry.linearize(settings, anchor, frame, &direction, landmark.inverse_depth, point) else {
+        let Some(linear) = workspace.geometry.linearize(anchor, frame, &direction, landmark.inverse_depth, point) else {
             total += huber.rho(settings.behind_camera_cost);
             continue;
         };
@@ -140,63 +153,111 @@ fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
         let squared = r[0] * r[0] + r[1] * r[1];
         let weight = huber.weight(squared);
         total += huber.rho(squared);
-        let (da, dt, dl) = (&linear.d_residual_d_anchor, &linear.d_residual_d_target, &linear.d_residual_d_inverse_depth);
+        let (e, dl) = (&linear.d_residual_d_target, &linear.d_residual_d_inverse_depth);
+        let weighted = e.map(|row| row.map(|value| value * weight));
         curvature += weight * (dl[0] * dl[0] + dl[1] * dl[1]);
         slope += weight * (dl[0] * r[0] + dl[1] * r[1]);
-        let cross = &mut workspace.hessian[place(frame, anchor)];
-        for i in 0..6 {
-            let (t0, t1) = (weight * dt[0][i], weight * dt[1][i]);
-            for j in 0..6 {
-                cross[i][j] += t0 * da[0][j] + t1 * da[1][j];
-            }
+        let coupling = core::array::from_fn(|i| weighted[0][i] * dl[0] + weighted[1][i] * dl[1]);
+        add_observation(&mut workspace.pair_sums[place(frame, anchor)], e, &weighted, r);
+        let carried = workspace.geometry.first_pairs[place(frame, anchor)].carry_to_anchor(&coupling);
+        for (out, value) in anchor_coupling.iter_mut().zip(&carried) {
+            *out -= *value;
         }
-        let own = &mut workspace.hessian[place(frame, frame)];
-        let mut coupling = [T::ZERO; 6];
-        for i in 0..6 {
-            let (t0, t1) = (weight * dt[0][i], weight * dt[1][i]);
-            for j in 0..6 {
-                own[i][j] += t0 * dt[0][j] + t1 * dt[1][j];
-            }
-            workspace.gradient[frame][i] += t0 * r[0] + t1 * r[1];
-            coupling[i] = t0 * dl[0] + t1 * dl[1];
-            let (a0, a1) = (weight * da[0][i], weight * da[1][i]);
-            for j in 0..6 {
-                anchor_hessian[i][j] += a0 * da[0][j] + a1 * da[1][j];
-            }
-            anchor_gradient[i] += a0 * r[0] + a1 * r[1];
-            anchor_coupling[i] += a0 * dl[0] + a1 * dl[1];
+        if let Some(slot) = couplings.get_mut(count) {
+            *slot = (frame, coupling);
+            count += 1;
         }
-        couplings[count] = (frame, coupling);
-        count += 1;
     }
     if !(curvature > T::ZERO) {
         return total;
     }
     couplings[0] = (anchor, anchor_coupling);
-    let own = &mut workspace.hessian[place(anchor, anchor)];
-    for i in 0..6 {
-        for j in 0..6 {
-            own[i][j] += anchor_hessian[i][j];
-        }
-        workspace.gradient[anchor][i] += anchor_gradient[i];
-    }
     let inverse = T::one() / damped(curvature, damping);
     for (row, (frame, coupling)) in couplings[..count].iter().enumerate() {
-        let mut scaled = *coupling;
-        for (value, out) in scaled.iter_mut().zip(&mut workspace.gradient[*frame]) {
-            *value *= inverse;
+        let scaled = coupling.map(|value| value * inverse);
+        for (value, out) in scaled.iter().zip(&mut workspace.visual_gradient[*frame]) {
             *out -= *value * slope;
         }
         for (other_frame, other) in &couplings[..=row] {
-            let block = &mut workspace.hessian[place(*frame, *other_frame)];
-            for i in 0..6 {
-                for j in 0..6 {
-                    block[i][j] -= scaled[i] * other[j];
-                }
-            }
+            subtract_outer(&mut workspace.visual[place(*frame, *other_frame)], &scaled, other);
         }
     }
     total
+}
+
+/// `G += w eᵀ e`, `g += w eᵀ r`.
+// Out of line, as the kernels of `storage::blocks` are.
+#[inline(never)]
+fn add_observation<T: Real>(sum: &mut PairSum<T>, e: &[[T; 6]; 2], weighted: &[[T; 6]; 2], r: &[T; 2]) {
+    for i in 0..6 {
+        let (first, second) = (weighted[0][i], weighted[1][i]);
+        for j in 0..6 {
+            sum.information[i][j] += first * e[0][j] + second * e[1][j];
+        }
+        sum.gradient[i] += first * r[0] + second * r[1];
+    }
+}
+
+/// `V −= a bᵀ`.
+#[inline(never)]
+fn subtract_outer<T: Real>(block: &mut Block<T, 6>, a: &[T; 6], b: &[T; 6]) {
+    for (row, scale) in block.iter_mut().zip(a) {
+        for (out, value) in row.iter_mut().zip(b) {
+            *out -= *scale * *value;
+        }
+    }
+}
+
+/// Spreads the sums of the pairs over target and anchor: as `e_a = −M e`, they become `−G Mᵀ` and `M G Mᵀ`.
+fn add_pairs<T: Real, const FRAMES: usize, const PAIRS: usize>(workspace: &mut Workspace<T, FRAMES, PAIRS>, frames: usize) {
+    for target in 1..frames {
+        for anchor in 0..target {
+            let pair = &workspace.geometry.first_pairs[place(target, anchor)];
+            let sum = &workspace.pair_sums[place(target, anchor)];
+            add_block(&mut workspace.visual[place(target, target)], &sum.information, T::one());
+            let cross = sum.information.map(|row| pair.carry_to_anchor(&row));
+            add_block(&mut workspace.visual[place(target, anchor)], &cross, -T::one());
+            // Symmetric, so its rows may stand for its columns.
+            let own = transpose(&cross).map(|row| pair.carry_to_anchor(&row));
+            add_block(&mut workspace.visual[place(anchor, anchor)], &own, T::one());
+            let carried = pair.carry_to_anchor(&sum.gradient);
+            for i in 0..6 {
+                workspace.visual_gradient[target][i] += sum.gradient[i];
+                workspace.visual_gradient[anchor][i] -= carried[i];
+            }
+        }
+    }
+}
+
+fn add_block<T: Real>(out: &mut Block<T, 6>, value: &Block<T, 6>, scale: T) {
+    for (out, value) in out.as_flattened_mut().iter_mut().zip(value.as_flattened()) {
+        *out += *value * scale;
+    }
+}
+
+/// `H += Bᵀ V B`, `b += Bᵀ v`: from motions of the cameras to motions of the bodies.
+fn move_to_bodies<T: Real, const FRAMES: usize, const PAIRS: usize>(
+    workspace: &mut Workspace<T, FRAMES, PAIRS>,
+    frames: usize,
+    settings: &Settings<T>,
+) {
+    let mut by_body = [zero_block::<T, 6>(); FRAMES];
+    for (out, camera) in by_body.iter_mut().zip(&workspace.geometry.first_camera_poses).take(frames) {
+        *out = settings.mount.d_camera_d_body(camera);
+    }
+    for i in 0..frames {
+        for j in 0..=i {
+            // (Vᵀ B_i)ᵀ = B_iᵀ V
+            let mut half = zero_block::<T, 6>();
+            add_transposed_product(&mut half, &workspace.visual[place(i, j)], &by_body[i]);
+            add_transposed_product(&mut workspace.hessian[place(i, j)], &half, &by_body[j]);
+        }
+        for (row, value) in by_body[i].iter().zip(&workspace.visual_gradient[i]) {
+            for (out, entry) in workspace.gradient[i].iter_mut().zip(row) {
+                *out += *entry * *value;
+            }
+        }
+    }
 }
 
 fn add_inertial<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize>(
@@ -205,14 +266,13 @@ fn add_inertial<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
     settings: &Settings<T>,
     to: usize,
 ) -> T {
-    let (Some(root), Some(before), Some(after)) = (&workspace.imu_square_roots[to], window.frames.get(to - 1), window.frames.get(to))
-    else {
+    let (Some(root), Some(before), Some(after)) = (workspace.imu_square_root(to), window.frames.get(to - 1), window.frames.get(to)) else {
         return T::ZERO;
     };
     let linear = imu::linearize(
         &after.from_previous,
         &settings.gravity_in_world,
-        root,
+        &root,
         &before.state,
         &after.state,
         before.linearization_point(),

@@ -86,7 +86,8 @@ pub fn forward<T: Real, const B: usize>(factor: &[Block<T, B>], x: &mut [[T; B]]
     }
 }
 
-fn factorize_block<T: Real, const B: usize>(a: &mut Block<T, B>) -> Result<(), usize> {
+/// One block `A = L Lᵀ`, lower triangle; the error is the row of the pivot.
+pub(super) fn factorize_block<T: Real, const B: usize>(a: &mut Block<T, B>) -> Result<(), usize> {
     for c in 0..B {
         let mut pivot = a[c][c];
         for k in 0..c {
@@ -110,6 +111,7 @@ fn factorize_block<T: Real, const B: usize>(a: &mut Block<T, B>) -> Result<(), u
 }
 
 /// `X ← X L⁻ᵀ` for one lower-triangular block.
+#[inline(never)]
 fn solve_right_transposed<T: Real, const B: usize>(l: &Block<T, B>, x: &mut Block<T, B>) {
     let mut inverse = [T::ZERO; B];
     for (out, r) in inverse.iter_mut().zip(0..B) {

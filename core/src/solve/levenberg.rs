@@ -1,7 +1,7 @@
 //! Levenberg-Marquardt with the gain ratio.
 
 use super::workspace::{Settings, Workspace};
-use super::{assemble, back_substitute, cholesky, cost};
+use super::{assemble, back_substitute, chain, cost};
 use crate::factor::prior::Prior;
 use crate::real::Real;
 use crate::storage::blocks::place;
@@ -29,7 +29,7 @@ const CONVERGED: f64 = 1e-4;
 /// Minimises the cost of the window over frames and landmarks; at most `iterations` steps are tried.
 ///
 /// A step is kept where the true cost falls; damping follows the ratio of true and predicted decrease. On return the
-/// workspace holds the geometry of the final states and the factor of the last normal equations.
+/// workspace holds the geometry of the final states and the factors of the last normal equations.
 pub fn optimize<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize>(
     window: &mut Window<T, FRAMES, POINTS>,
     prior: &Prior<T, FRAMES, PAIRS>,
@@ -108,13 +108,13 @@ fn solve_step<T: Real, const FRAMES: usize, const PAIRS: usize>(
             row[k] += row[k] * damping + floor;
         }
     }
-    cholesky::factorize(&mut workspace.hessian, frames).ok()?;
+    chain::factorize(&mut workspace.hessian, &mut workspace.visual, frames).ok()?;
     for (step, gradient) in workspace.step.iter_mut().zip(&workspace.gradient).take(frames) {
         for (out, value) in step.iter_mut().zip(gradient) {
             *out = -*value;
         }
     }
-    cholesky::solve(&workspace.hessian, &mut workspace.step[..frames]);
+    chain::solve(&workspace.hessian, &workspace.visual, &mut workspace.step[..frames], &mut workspace.visual_gradient);
     let mut predicted = T::ZERO;
     for (step, gradient) in workspace.step.iter().zip(&workspace.gradient).take(frames) {
         for (value, slope) in step.iter().zip(gradient) {

@@ -2,9 +2,13 @@
 //!
 //! # Model
 //! All factors that touch the oldest frame, or a landmark that leaves with it, are linearised once (at first estimates),
-//! stacked as rows `(A, b)` and folded into the upper triangle `R` whose first block column is the leaving frame.
-//! Then the first block row of `R` holds the leaving frame's conditional, and the rest is the prior on what remains.
-//! A landmark's inverse depth is eliminated beforehand from its own rows by one reflection.
+//! stacked as rows `(A, b)` and folded into an upper triangle whose first columns are the leaving frame's.
+//! Then its first rows hold the leaving frame's conditional, and the rest is the prior on what remains.
+//!
+//! Landmarks come first, in a triangle of their own. They are anchored in the leaving frame, so their rows speak of the poses
+//! of the other cameras relative to it, six columns each; a landmark's inverse depth is eliminated from its own rows by one
+//! reflection. The triangle's rows then join the others, with `e_j` becoming `e_j B_j` and `−(M_j e_jᵀ)ᵀ B_0`
+//! (see [`reprojection`](crate::factor::reprojection)).
 //!
 //! Landmarks that the newest frame still sees are not marginalised: their observation in the leaving frame is dropped
 //! instead and they move to their next frame. So no observation is ever used twice, and the prior stays consistent.
@@ -12,24 +16,23 @@
 use nalgebra::SMatrix;
 
 use super::assemble::block_of;
-use super::triangle::{Rows, fold};
-use super::workspace::{Settings, Workspace};
+use super::triangle::{Rows, TILE, eliminate, fold};
+use super::workspace::{Geometry, Settings, Workspace};
 use crate::factor::{imu, prior::Prior};
 use crate::imu::NavState;
 use crate::real::Real;
-use crate::storage::blocks::{Block, pairs, place, zero_block};
-use crate::window::{Landmark, Window};
+use crate::storage::blocks::{place, zero_block};
+use crate::window::{Frame, Landmark, Window};
 
-/// Triangle of the visual rows, over poses only.
-#[derive(Debug)]
-pub struct MarginalizationWorkspace<T: Real, const FRAMES: usize, const PAIRS: usize> {
-    triangle: [Block<T, 6>; PAIRS],
-    right: [[T; 6]; FRAMES],
-}
+/// Rows that are gathered before they are folded in.
+const GATHERED: usize = 48;
 
-impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for MarginalizationWorkspace<T, FRAMES, PAIRS> {
-    fn default() -> Self {
-        Self { triangle: [zero_block(); PAIRS], right: [[T::ZERO; 6]; FRAMES] }
+/// Where a frame's columns begin: whole states of the oldest two, poses of the others.
+const fn column(frame: usize) -> usize {
+    match frame {
+        0 => 0,
+        1 => 15,
+        _ => 18 + 6 * frame,
     }
 }
 
@@ -43,12 +46,16 @@ pub fn add_initial<T: Real, const FRAMES: usize, const PAIRS: usize>(
     prior.clear();
     prior.frames = 1;
     prior.origin = Some(*origin);
-    let (buffer, scratch) = workspace.hessian.as_flattened_mut().as_flattened_mut().split_at_mut(15 * 16);
-    let mut rows = Rows::zeros(buffer, 15, 15);
+    let (mut triangle, rest) = Rows::carve(memory(&mut workspace.hessian), 15, 15);
+    let (mut rows, _) = Rows::carve(rest, 15, 15);
     for (i, row) in block_of(square_root).iter().enumerate() {
         rows.row_mut(i)[..15].copy_from_slice(row);
     }
-    fold(&mut prior.triangle, &mut prior.right[..1], &mut rows, scratch);
+    fold(&mut triangle, &mut rows, 15);
+    for (i, row) in prior.head.iter_mut().enumerate() {
+        row.copy_from_slice(&triangle.row(i)[..15]);
+    }
+    prior.right_head = [T::ZERO; 15];
 }
 
 /// Marginalises frame 0. Frames `0..keyframes` may enter the prior; later ones are recent and keep their observations to themselves.
@@ -56,157 +63,236 @@ pub fn marginalize_oldest<T: Real, const FRAMES: usize, const PAIRS: usize, cons
     window: &mut Window<T, FRAMES, POINTS>,
     prior: &mut Prior<T, FRAMES, PAIRS>,
     workspace: &mut Workspace<T, FRAMES, PAIRS>,
-    visual: &mut MarginalizationWorkspace<T, FRAMES, PAIRS>,
     settings: &Settings<T>,
     keyframes: usize,
 ) {
     let Some(newest) = window.frames.len().checked_sub(1) else { return };
+    if newest == 0 {
+        prior.clear();
+        window.remove_frame(0, &workspace.geometry.camera_poses);
+        return;
+    }
     let involved = keyframes.max(prior.frames).max(2).min(newest + 1);
     for frame in window.frames.iter_mut().take(involved) {
         frame.linearization.get_or_insert(frame.state);
     }
     prior.settle(&window.frames);
     workspace.prepare(window, settings);
-    let mut deltas = [[T::ZERO; 15]; FRAMES];
-    for (delta, frame) in deltas.iter_mut().zip(&window.frames).take(involved) {
-        *delta = frame.state.local(frame.linearization_point());
-    }
+    let inertial = workspace.imu_square_root(1);
 
-    visual.triangle[..pairs(involved)].fill(zero_block());
-    visual.right[..involved].fill([T::ZERO; 6]);
-    for landmark in &mut window.landmarks {
-        if landmark.anchor() == 0 && landmark.active && !landmark.is_seen_in(newest) {
-            fold_landmark(landmark, workspace, visual, settings, &deltas, involved);
-        }
-    }
+    let columns = column(involved);
+    let relative_columns = 6 * (involved - 1);
+    let (mut relative, rest) = Rows::carve(memory(&mut workspace.hessian), relative_columns + 1, relative_columns);
+    let leaving = window.landmarks.iter().filter(|landmark| landmark.anchor() == 0 && landmark.active && !landmark.is_seen_in(newest));
+    fold_landmarks(leaving, &mut relative, rest, &workspace.geometry, settings, involved);
     // Once marginalised, a landmark is gone.
     window.landmarks.retain(|landmark| landmark.anchor() != 0 || landmark.is_seen_in(newest));
 
-    let columns = involved * 15;
-    let right = &mut prior.right[..involved];
-    // Visual rows, spread from poses to whole states, one block row at a time.
-    for i in 0..involved {
-        let (buffer, scratch) = workspace.hessian.as_flattened_mut().as_flattened_mut().split_at_mut(6 * (columns + 1));
-        let mut rows = Rows::zeros(buffer, columns, 6);
-        for r in 0..6 {
-            let row = rows.row_mut(r);
-            for j in i..involved {
-                row[j * 15..j * 15 + 6].copy_from_slice(&visual.triangle[place(j, i)][r]);
-            }
-            row[columns] = visual.right[i][r];
-        }
-        fold(&mut prior.triangle, right, &mut rows, scratch);
-    }
-    if let (Some(root), [oldest, second, ..]) = (&workspace.imu_square_roots[1], window.frames.as_slice()) {
-        let linear = imu::linearize(
-            &second.from_previous,
-            &settings.gravity_in_world,
-            root,
-            &oldest.state,
-            &second.state,
-            oldest.linearization_point(),
-            second.linearization_point(),
-        );
-        let (from_rows, to_rows) = (block_of(&linear.d_residual_d_from), block_of(&linear.d_residual_d_to));
-        let (buffer, scratch) = workspace.hessian.as_flattened_mut().as_flattened_mut().split_at_mut(15 * (columns + 1));
-        let mut rows = Rows::zeros(buffer, columns, 15);
-        for (k, residual) in linear.residual.iter().enumerate() {
-            let row = rows.row_mut(k);
-            row[..15].copy_from_slice(&from_rows[k]);
-            row[15..30].copy_from_slice(&to_rows[k]);
-            row[columns] = *residual - dot(&from_rows[k], &deltas[0]) - dot(&to_rows[k], &deltas[1]);
-        }
-        fold(&mut prior.triangle, right, &mut rows, scratch);
+    let (mut triangle, rest) = Rows::carve(rest, columns, columns);
+    load(&mut triangle, prior, columns);
+    fold_poses(&mut triangle, &relative, rest, &window.frames[..involved], &workspace.geometry, settings);
+    if let (Some(root), [oldest, second, ..]) = (&inertial, window.frames.as_slice()) {
+        fold_inertial(&mut triangle, rest, root, oldest, second, settings, columns);
     }
     if let Some(oldest) = window.frames.first().filter(|frame| frame.at_rest) {
-        let (buffer, scratch) = workspace.hessian.as_flattened_mut().as_flattened_mut().split_at_mut(3 * (columns + 1));
-        let mut rows = Rows::zeros(buffer, columns, 3);
+        let (mut rows, _) = Rows::carve(rest, columns, 3);
+        let delta = oldest.state.local(oldest.linearization_point());
         let root = T::one() / settings.rest_sigma_m_s;
         for axis in 0..3 {
             let row = rows.row_mut(axis);
             row[6 + axis] = root;
-            row[columns] = root * (oldest.state.velocity_in_world[axis] - deltas[0][6 + axis]);
+            row[columns] = root * (oldest.state.velocity_in_world[axis] - delta[6 + axis]);
         }
-        fold(&mut prior.triangle, right, &mut rows, scratch);
+        fold(&mut triangle, &mut rows, columns);
     }
-
-    // The first block row is the leaving frame's conditional: drop it.
-    for i in 1..involved {
-        for j in i..involved {
-            prior.triangle[place(j - 1, i - 1)] = prior.triangle[place(j, i)];
-        }
-        prior.right[i - 1] = prior.right[i];
-    }
-    for i in 0..involved {
-        prior.triangle[place(involved - 1, i)] = zero_block();
-    }
-    prior.right[involved - 1] = [T::ZERO; 15];
-    prior.frames = involved - 1;
+    // The first rows are the leaving frame's conditional: only the others are kept.
+    store(&triangle, prior, involved, columns);
     window.remove_frame(0, &workspace.geometry.camera_poses);
+}
+
+/// The memory of the normal equations, which are not needed meanwhile.
+fn memory<T: Real>(hessian: &mut [[[T; 15]; 15]]) -> &mut [[T; TILE]] {
+    hessian.as_flattened_mut().as_flattened_mut().as_chunks_mut().0
 }
 
 fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     a.iter().zip(b).fold(T::ZERO, |sum, (x, y)| sum + *x * *y)
 }
 
-/// Rows of one landmark with its inverse depth eliminated, folded into the visual triangle.
-fn fold_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
-    landmark: &Landmark<T, FRAMES>,
-    workspace: &mut Workspace<T, FRAMES, PAIRS>,
-    visual: &mut MarginalizationWorkspace<T, FRAMES, PAIRS>,
+/// Folds the landmarks into the triangle of relative poses, their inverse depths eliminated. Right-hand sides are residuals.
+fn fold_landmarks<'a, T: Real, const FRAMES: usize, const PAIRS: usize>(
+    landmarks: impl Iterator<Item = &'a Landmark<T, FRAMES>>,
+    triangle: &mut Rows<'_, T>,
+    buffer: &mut [[T; TILE]],
+    geometry: &Geometry<T, FRAMES, PAIRS>,
     settings: &Settings<T>,
-    deltas: &[[T; 15]; FRAMES],
     involved: usize,
 ) {
-    let huber = settings.kernel;
-    let anchor = landmark.anchor();
-    let direction = landmark.direction();
-    let columns = involved * 6;
-    let width = columns + 1;
-    let most = 2 * involved;
-    let (buffer, scratch) = workspace.hessian.as_flattened_mut().as_flattened_mut().split_at_mut(most * width);
-    let mut depths = [[T::ZERO; 2]; FRAMES];
-    buffer[..most * width].fill(T::ZERO);
-    let mut count = 0;
-    for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor && *frame < involved) {
-        let Some(linear) = workspace.geometry.linearize(settings, anchor, frame, &direction, landmark.inverse_depth, point) else {
-            continue;
-        };
-        let r = &linear.residual;
-        let root = huber.weight(r[0] * r[0] + r[1] * r[1]).root();
-        for k in 0..2 {
-            let row = &mut buffer[(2 * count + k) * width..(2 * count + k + 1) * width];
-            let (anchor_row, target_row) = (&linear.d_residual_d_anchor[k], &linear.d_residual_d_target[k]);
-            for c in 0..6 {
-                row[anchor * 6 + c] = root * anchor_row[c];
-                row[frame * 6 + c] = root * target_row[c];
-            }
-            row[columns] = root * (r[k] - dot(anchor_row, &deltas[anchor][..6]) - dot(target_row, &deltas[frame][..6]));
-            depths[count][k] = root * linear.d_residual_d_inverse_depth[k];
+    let columns = triangle.count();
+    let depth = columns + 1;
+    let most = 2 * (involved - 1);
+    // As many rows as there is memory for, so that a portion always has room for one more landmark.
+    let (mut rows, _) = Rows::carve(buffer, depth, (buffer.len() / super::triangle::tiles(depth)).min(GATHERED + most));
+    let mut gathered = 0;
+    for landmark in landmarks {
+        if gathered + most > rows.count() {
+            fold(triangle, &mut rows.part(0, gathered), columns);
+            gathered = 0;
         }
-        count += 1;
+        let direction = landmark.direction();
+        let mut count = 0;
+        for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != 0 && *frame < involved) {
+            let Some(linear) = geometry.linearize(0, frame, &direction, landmark.inverse_depth, point) else { continue };
+            let r = &linear.residual;
+            let root = settings.kernel.weight(r[0] * r[0] + r[1] * r[1]).root();
+            for k in 0..2 {
+                let row = rows.row_mut(gathered + count);
+                row.fill(T::ZERO);
+                for (out, value) in row[6 * (frame - 1)..].iter_mut().zip(&linear.d_residual_d_target[k]) {
+                    *out = root * *value;
+                }
+                row[columns] = root * r[k];
+                row[depth] = root * linear.d_residual_d_inverse_depth[k];
+                count += 1;
+            }
+        }
+        if count == 0 {
+            continue;
+        }
+        // Reflect the column of λ onto the last row; that row is the conditional of λ and is dropped.
+        let mut own = rows.part(gathered, gathered + count);
+        let (mut others, mut last) = own.split(count - 1);
+        if !(others.column(depth).chain(last.column(depth)).fold(T::ZERO, |sum, value| sum + value * value) > T::of(1e-12)) {
+            continue;
+        }
+        eliminate(last.tiles_mut(), &mut others, depth, 0);
+        gathered += count - 1;
     }
-    let depths = &mut depths.as_flattened_mut()[..2 * count];
-    let norm = dot(depths, depths).root();
-    if !(norm > T::of(1e-6)) {
+    fold(triangle, &mut rows.part(0, gathered), columns);
+}
+
+/// Folds the triangle of relative poses in, as rows over the poses of the bodies.
+fn fold_poses<T: Real, const FRAMES: usize, const PAIRS: usize>(
+    triangle: &mut Rows<'_, T>,
+    relative: &Rows<'_, T>,
+    buffer: &mut [[T; TILE]],
+    frames: &[Frame<T>],
+    geometry: &Geometry<T, FRAMES, PAIRS>,
+    settings: &Settings<T>,
+) {
+    let columns = triangle.count();
+    let mut by_body = [zero_block::<T, 6>(); FRAMES];
+    let mut deltas = [[T::ZERO; 15]; FRAMES];
+    for (i, frame) in frames.iter().enumerate() {
+        by_body[i] = settings.mount.d_camera_d_body(&geometry.first_camera_poses[i]);
+        deltas[i] = frame.state.local(frame.linearization_point());
+    }
+    // e B
+    let moved = |e: &[T; 6], by_body: &[[T; 6]; 6]| {
+        let mut out = [T::ZERO; 6];
+        for (value, row) in e.iter().zip(by_body) {
+            for (sum, entry) in out.iter_mut().zip(row) {
+                *sum += *value * *entry;
+            }
+        }
+        out
+    };
+    let at_once = (buffer.len() / super::triangle::tiles(columns)).clamp(1, GATHERED);
+    for first in (0..relative.count()).step_by(at_once) {
+        let count = at_once.min(relative.count() - first);
+        let (mut rows, _) = Rows::carve(buffer, columns, count);
+        for i in 0..count {
+            let (from, row) = (relative.row(first + i), rows.row_mut(i));
+            let mut anchor = [T::ZERO; 6];
+            let mut right = from[relative.count()];
+            for (frame, e) in (1..frames.len()).zip(from.as_chunks::<6>().0) {
+                let target = moved(e, &by_body[frame]);
+                row[column(frame)..column(frame) + 6].copy_from_slice(&target);
+                right -= dot(&target, &deltas[frame]);
+                for (sum, value) in anchor.iter_mut().zip(geometry.first_pairs[place(frame, 0)].carry_to_anchor(e)) {
+                    *sum -= value;
+                }
+            }
+            let anchor = moved(&anchor, &by_body[0]);
+            row[..6].copy_from_slice(&anchor);
+            row[columns] = right - dot(&anchor, &deltas[0]);
+        }
+        fold(triangle, &mut rows, columns);
+    }
+}
+
+fn fold_inertial<T: Real>(
+    triangle: &mut Rows<'_, T>,
+    buffer: &mut [[T; TILE]],
+    root: &SMatrix<T, 15, 15>,
+    oldest: &Frame<T>,
+    second: &Frame<T>,
+    settings: &Settings<T>,
+    columns: usize,
+) {
+    let (at_oldest, at_second) = (oldest.linearization_point(), second.linearization_point());
+    let gravity = &settings.gravity_in_world;
+    let linear = imu::linearize(&second.from_previous, gravity, root, &oldest.state, &second.state, at_oldest, at_second);
+    let (from_rows, to_rows) = (block_of(&linear.d_residual_d_from), block_of(&linear.d_residual_d_to));
+    let deltas = [oldest.state.local(at_oldest), second.state.local(at_second)];
+    let (mut rows, _) = Rows::carve(buffer, columns, 15);
+    for (k, residual) in linear.residual.iter().enumerate().take(rows.count()) {
+        let row = rows.row_mut(k);
+        row[..15].copy_from_slice(&from_rows[k]);
+        row[15..30].copy_from_slice(&to_rows[k]);
+        row[columns] = *residual - dot(&from_rows[k], &deltas[0]) - dot(&to_rows[k], &deltas[1]);
+    }
+    fold(triangle, &mut rows, columns);
+}
+
+/// Writes the prior into the triangle.
+fn load<T: Real, const FRAMES: usize, const PAIRS: usize>(triangle: &mut Rows<'_, T>, prior: &Prior<T, FRAMES, PAIRS>, columns: usize) {
+    if prior.frames == 0 {
         return;
     }
-    // Reflect the column of λ onto its first row; that row is the conditional of λ and is dropped.
-    let head = if depths[0] > T::ZERO { depths[0] + norm } else { depths[0] - norm };
-    let scale = T::one() / (norm * head.abs());
-    depths[0] = head;
-    let product = &mut scratch[..width];
-    product.fill(T::ZERO);
-    for (row, factor) in buffer.chunks_exact(width).zip(depths.iter()) {
-        for (out, value) in product.iter_mut().zip(row) {
-            *out += *factor * *value;
+    for r in 0..15 {
+        let row = triangle.row_mut(r);
+        row[..15].copy_from_slice(&prior.head[r]);
+        row[columns] = prior.right_head[r];
+        for j in 1..prior.frames {
+            row[column(j)..column(j) + 6].copy_from_slice(&prior.coupling[j][r]);
         }
     }
-    for (row, factor) in buffer.chunks_exact_mut(width).zip(depths.iter()) {
-        for (out, value) in row.iter_mut().zip(product.iter()) {
-            *out -= *factor * scale * *value;
+    for i in 1..prior.frames {
+        for r in 0..6 {
+            let row = triangle.row_mut(column(i) + r);
+            row[columns] = prior.right[i][r];
+            for j in i..prior.frames {
+                row[column(j)..column(j) + 6].copy_from_slice(&prior.poses[place(j, i)][r]);
+            }
         }
     }
-    let mut rows = Rows::over(&mut buffer[width..2 * count * width], columns);
-    fold(&mut visual.triangle, &mut visual.right[..involved], &mut rows, scratch);
+}
+
+/// Reads the prior off the triangle from the second frame on, which becomes the oldest.
+fn store<T: Real, const FRAMES: usize, const PAIRS: usize>(
+    triangle: &Rows<'_, T>,
+    prior: &mut Prior<T, FRAMES, PAIRS>,
+    involved: usize,
+    columns: usize,
+) {
+    let pose = |row: &[T], j: usize| core::array::from_fn(|c| row[column(j) + c]);
+    for r in 0..15 {
+        let row = triangle.row(15 + r);
+        prior.head[r].copy_from_slice(&row[15..30]);
+        prior.right_head[r] = row[columns];
+        for j in 2..involved {
+            prior.coupling[j - 1][r] = pose(row, j);
+        }
+    }
+    for i in 2..involved {
+        for r in 0..6 {
+            let row = triangle.row(column(i) + r);
+            prior.right[i - 1][r] = row[columns];
+            for j in i..involved {
+                prior.poses[place(j - 1, i - 1)][r] = pose(row, j);
+            }
+        }
+    }
+    prior.frames = involved - 1;
 }

@@ -1,6 +1,10 @@
 //! Levenberg-Marquardt over the window, the Schur complement of its landmarks, and marginalisation.
 
+// Indices as in the equations; and a comparison that NaN must fail is written so.
+#![allow(clippy::needless_range_loop, clippy::neg_cmp_op_on_partial_ord)]
+
 mod assemble;
+pub mod chain;
 pub mod cholesky;
 mod levenberg;
 mod marginalize;
@@ -9,5 +13,5 @@ mod workspace;
 
 pub use assemble::{assemble, back_substitute, cost};
 pub use levenberg::{SolveReport, optimize};
-pub use marginalize::{MarginalizationWorkspace, add_initial, marginalize_oldest};
-pub use workspace::{Settings, Workspace};
+pub use marginalize::{add_initial, marginalize_oldest};
+pub use workspace::{Geometry, PairSum, Settings, Workspace};

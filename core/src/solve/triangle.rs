@@ -9,156 +9,177 @@
 //! survive `f32` (Demmel et al., ICCV 2021).
 
 use crate::real::Real;
-use crate::storage::blocks::{Block, place};
 
-/// Rows of `n` blocks of `B` scalars with one right-hand side each, flat: row `i` is `[i (nB+1) .. (i+1) (nB+1)]`, last the right-hand side.
-#[derive(Debug)]
-pub struct Rows<'a, T: Real> {
-    entries: &'a mut [T],
-    width: usize,
-}
+/// Columns that are worked on at a time. Rows are padded to whole tiles, so that every inner loop has this length.
+pub const TILE: usize = 8;
 
-impl<'a, T: Real> Rows<'a, T> {
-    /// As many rows of `columns` scalars (and a right-hand side) as fit the buffer, at most `count`, all zero.
-    pub fn zeros(buffer: &'a mut [T], columns: usize, count: usize) -> Self {
-        let width = columns + 1;
-        let fits = count.min(buffer.len() / width);
-        debug_assert!(fits == count, "row buffer too short");
-        let (entries, _) = buffer.split_at_mut(fits * width);
-        entries.fill(T::ZERO);
-        Self { entries, width }
-    }
-
-    /// A buffer that already holds rows.
-    pub fn over(entries: &'a mut [T], columns: usize) -> Self {
-        Self { entries, width: columns + 1 }
-    }
-
-    /// Number of rows.
-    #[must_use]
-    pub fn count(&self) -> usize {
-        self.entries.len() / self.width
-    }
-
-    /// Row `i`, its right-hand side last.
-    pub fn row_mut(&mut self, i: usize) -> &mut [T] {
-        &mut self.entries[i * self.width..(i + 1) * self.width]
-    }
-}
+/// Rows that are folded in at a time at most.
+const PORTION: usize = 64;
 
 /// Squared length of a column below which it says nothing (a standard deviation of 10¹²) and is left out: in `f32` its
 /// reflection would divide by a number that is no longer normal.
 const NOTHING: f64 = 1e-24;
 
-/// Folds `rows` into the triangle `(R, d)` of `n` block rows. The rows are overwritten. `scratch` holds `n B + 1` scalars.
+/// Rows of equal width, one after the other: `columns` scalars, the right-hand side, padding.
+#[derive(Debug)]
+pub struct Rows<'a, T: Real> {
+    tiles: &'a mut [[T; TILE]],
+    tiles_a_row: usize,
+}
+
+/// Tiles that a row of `columns` scalars and its right-hand side takes.
+#[must_use]
+pub const fn tiles(columns: usize) -> usize {
+    columns / TILE + 1
+}
+
+impl<'a, T: Real> Rows<'a, T> {
+    /// `count` rows of zeros at the beginning of the buffer, fewer where it is too short; and the rest of the buffer.
+    pub fn carve(buffer: &'a mut [[T; TILE]], columns: usize, count: usize) -> (Self, &'a mut [[T; TILE]]) {
+        let tiles_a_row = tiles(columns);
+        let fits = count.min(buffer.len() / tiles_a_row);
+        debug_assert!(fits == count, "row buffer too short");
+        let (tiles, rest) = buffer.split_at_mut(fits * tiles_a_row);
+        tiles.fill([T::ZERO; TILE]);
+        (Self { tiles, tiles_a_row }, rest)
+    }
+
+    /// Number of rows.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.tiles.len() / self.tiles_a_row
+    }
+
+    /// Row `i`.
+    #[must_use]
+    pub fn row(&self, i: usize) -> &[T] {
+        self.tiles[i * self.tiles_a_row..(i + 1) * self.tiles_a_row].as_flattened()
+    }
+
+    /// Row `i`.
+    pub fn row_mut(&mut self, i: usize) -> &mut [T] {
+        self.tiles[i * self.tiles_a_row..(i + 1) * self.tiles_a_row].as_flattened_mut()
+    }
+
+    /// The first `count` rows, and the others.
+    pub fn split(&mut self, count: usize) -> (Rows<'_, T>, Rows<'_, T>) {
+        let (before, after) = self.tiles.split_at_mut(count * self.tiles_a_row);
+        (Rows { tiles: before, tiles_a_row: self.tiles_a_row }, Rows { tiles: after, tiles_a_row: self.tiles_a_row })
+    }
+
+    /// Every row's entry in one column.
+    pub fn column(&self, column: usize) -> impl Iterator<Item = T> {
+        self.tiles.chunks_exact(self.tiles_a_row).map(move |row| row[column / TILE][column % TILE])
+    }
+
+    /// All rows, one after the other.
+    pub fn tiles_mut(&mut self) -> &mut [[T; TILE]] {
+        self.tiles
+    }
+
+    /// The rows from `first` to before `end`.
+    pub fn part(&mut self, first: usize, end: usize) -> Rows<'_, T> {
+        Rows { tiles: &mut self.tiles[first * self.tiles_a_row..end * self.tiles_a_row], tiles_a_row: self.tiles_a_row }
+    }
+}
+
+/// Folds `rows` into the triangle, whose row `c` begins with column `c` (zeros before it). The rows are overwritten.
+pub fn fold<T: Real>(triangle: &mut Rows<'_, T>, rows: &mut Rows<'_, T>, columns: usize) {
+    debug_assert!(triangle.count() == columns && triangle.tiles_a_row == rows.tiles_a_row);
+    for portion in rows.tiles.chunks_mut(PORTION * rows.tiles_a_row) {
+        let mut portion = Rows { tiles: portion, tiles_a_row: rows.tiles_a_row };
+        for column in 0..columns {
+            let first = column / TILE;
+            let top = &mut triangle.tiles[column * triangle.tiles_a_row..(column + 1) * triangle.tiles_a_row];
+            eliminate(top, &mut portion, column, first);
+        }
+    }
+}
+
+/// Reflects `column` of `[top; rows]` onto `top`, from tile `first` on; what is left of it in `rows` becomes zero.
 ///
-/// Block row `i` of `R` has its block of column `j ≥ i` at `place(j, i)`.
-pub fn fold<T: Real, const B: usize>(triangle: &mut [Block<T, B>], right: &mut [[T; B]], rows: &mut Rows<'_, T>, scratch: &mut [T]) {
-    let n = right.len();
-    let columns = n * B;
-    let width = rows.width;
-    debug_assert!(width == columns + 1 && scratch.len() >= width);
-    for i in 0..n {
-        for r in 0..B {
-            let column = i * B + r;
-            let mut below = T::ZERO;
-            for row in rows.entries.chunks_exact(width) {
-                below += row[column] * row[column];
+/// ```text
+/// v = (top_c − α, rows_c)     α = ∓‖(top_c, rows_c)‖     [top; rows] −= v wᵀ     w = [top; rows]ᵀ v · 2/vᵀv
+/// ```
+pub fn eliminate<T: Real>(top: &mut [[T; TILE]], rows: &mut Rows<'_, T>, column: usize, first: usize) {
+    let (tile, lane) = (column / TILE, column % TILE);
+    // Rows with something in this column: where they begin, and what it is.
+    let mut entries = [(0_usize, T::ZERO); PORTION];
+    let mut count = 0;
+    let mut below = T::ZERO;
+    for (i, row) in rows.tiles.chunks_exact_mut(rows.tiles_a_row).enumerate().take(PORTION) {
+        let value = row[tile][lane];
+        if value != T::ZERO {
+            entries[count] = (i * rows.tiles_a_row, value);
+            count += 1;
+            below += value * value;
+        }
+    }
+    let entries = &entries[..count];
+    for (start, _) in entries {
+        rows.tiles[start + tile][lane] = T::ZERO;
+    }
+    if !(below > T::of(NOTHING)) {
+        return;
+    }
+    let pivot = top[tile][lane];
+    let norm = (pivot * pivot + below).root();
+    let reflected = if pivot > T::ZERO { -norm } else { norm };
+    let head = pivot - reflected;
+    // 2/vᵀv, with vᵀv = 2 norm (norm + |pivot|)
+    let scale = T::one() / (norm * (norm + pivot.abs()));
+    top[tile][lane] = T::ZERO;
+    for (t, top) in top.iter_mut().enumerate().skip(first) {
+        let mut w = [T::ZERO; TILE];
+        for (sum, value) in w.iter_mut().zip(&*top) {
+            *sum = head * *value;
+        }
+        for (start, factor) in entries {
+            for (sum, value) in w.iter_mut().zip(&rows.tiles[start + t]) {
+                *sum += *factor * *value;
             }
-            if !(below > T::of(NOTHING)) {
-                continue;
-            }
-            let pivot = triangle[place(i, i)][r][r];
-            let norm = (pivot * pivot + below).root();
-            let reflected = if pivot > T::ZERO { -norm } else { norm };
-            let head = pivot - reflected;
-            // v = (head, rows[column]); H = I − (2/vᵀv) v vᵀ, vᵀv = 2 norm (norm + |pivot|)
-            let scale = T::one() / (norm * (norm + pivot.abs()));
-            let tail = &mut scratch[column + 1..width];
-            // w = vᵀ [R_row; rows]
-            for c in r + 1..B {
-                tail[c - r - 1] = head * triangle[place(i, i)][r][c];
-            }
-            for j in i + 1..n {
-                let at = (j - i) * B - r - 1;
-                for (out, value) in tail[at..at + B].iter_mut().zip(&triangle[place(j, i)][r]) {
-                    *out = head * *value;
-                }
-            }
-            tail[columns - column - 1] = head * right[i][r];
-            for row in rows.entries.chunks_exact(width) {
-                let factor = row[column];
-                if factor != T::ZERO {
-                    for (out, value) in tail.iter_mut().zip(&row[column + 1..]) {
-                        *out += factor * *value;
-                    }
-                }
-            }
-            // [R_row; rows] −= scale v w
-            let step = head * scale;
-            triangle[place(i, i)][r][r] = reflected;
-            for c in r + 1..B {
-                triangle[place(i, i)][r][c] -= step * tail[c - r - 1];
-            }
-            for j in i + 1..n {
-                let at = (j - i) * B - r - 1;
-                for (out, value) in triangle[place(j, i)][r].iter_mut().zip(&tail[at..at + B]) {
-                    *out -= step * *value;
-                }
-            }
-            right[i][r] -= step * tail[columns - column - 1];
-            for row in rows.entries.chunks_exact_mut(width) {
-                let factor = row[column] * scale;
-                row[column] = T::ZERO;
-                if factor != T::ZERO {
-                    for (out, value) in row[column + 1..].iter_mut().zip(tail.iter()) {
-                        *out -= factor * *value;
-                    }
-                }
+        }
+        for (sum, out) in w.iter_mut().zip(top) {
+            *sum *= scale;
+            *out -= head * *sum;
+        }
+        for (start, factor) in entries {
+            for (out, sum) in rows.tiles[start + t].iter_mut().zip(&w) {
+                *out -= *factor * *sum;
             }
         }
     }
+    top[tile][lane] = reflected;
 }
 
 #[cfg(test)]
 mod tests {
     use std::vec;
-    use std::vec::Vec;
 
-    use nalgebra::{DMatrix, DVector};
+    use nalgebra::DMatrix;
     use proptest::prelude::*;
 
-    use super::{Rows, fold};
-    use crate::storage::blocks::{pairs, place, zero_block};
-
-    /// `(R, d)` as a dense matrix.
-    fn dense(triangle: &[[[f64; 3]; 3]], right: &[[f64; 3]]) -> (DMatrix<f64>, DVector<f64>) {
-        let n = right.len();
-        let matrix = DMatrix::from_fn(3 * n, 3 * n, |r, c| {
-            let (i, j) = (r / 3, c / 3);
-            if r <= c { triangle[place(j, i)][r % 3][c % 3] } else { 0.0 }
-        });
-        (matrix, DVector::from_fn(3 * n, |r, _| right[r / 3][r % 3]))
-    }
+    use super::{Rows, TILE, fold, tiles};
 
     proptest! {
         /// The triangle has the normal equations of all rows that were folded in, in whatever portions they came.
         #[test]
         fn folding_keeps_the_normal_equations(entries in prop::collection::vec(-3.0f64..3.0, 14 * 10), portion in 1usize..14) {
             let all = DMatrix::from_row_slice(14, 10, &entries);
-            let mut triangle = vec![zero_block::<f64, 3>(); pairs(3)];
-            let mut right = [[0.0; 3]; 3];
-            let mut scratch = vec![0.0; 10];
-            for rows in entries.chunks(portion * 10) {
-                let mut copy: Vec<f64> = rows.to_vec();
-                fold(&mut triangle, &mut right, &mut Rows::over(&mut copy, 9), &mut scratch);
+            let mut buffer = vec![[0.0; TILE]; 23 * tiles(9)];
+            let (mut triangle, rest) = Rows::carve(&mut buffer, 9, 9);
+            for given in entries.chunks(portion * 10) {
+                let (mut rows, _) = Rows::carve(rest, 9, given.len() / 10);
+                for (i, row) in given.chunks(10).enumerate() {
+                    rows.row_mut(i)[..10].copy_from_slice(row);
+                }
+                fold(&mut triangle, &mut rows, 9);
+                prop_assert!((0..rows.count()).all(|i| rows.row(i)[..9].iter().all(|value| *value == 0.0)));
             }
-            let (r, d) = dense(&triangle, &right);
-            let (a, b) = (all.columns(0, 9).into_owned(), all.column(9).into_owned());
-            let expected = a.transpose() * &a;
-            prop_assert!((r.transpose() * &r - &expected).norm() < 1e-10 * expected.norm());
-            let expected = a.transpose() * &b;
-            prop_assert!((r.transpose() * &d - &expected).norm() < 1e-10 * (1.0 + expected.norm()));
+            let folded = DMatrix::from_fn(9, 10, |r, c| triangle.row(r)[c]);
+            prop_assert!((0..9).all(|r| triangle.row(r)[..r].iter().all(|value| *value == 0.0)));
+            let expected = all.columns(0, 9).tr_mul(&all);
+            prop_assert!((folded.columns(0, 9).tr_mul(&folded) - &expected).norm() < 1e-10 * expected.norm());
         }
     }
 }

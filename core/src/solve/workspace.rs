@@ -4,10 +4,11 @@ use nalgebra::{Isometry3, SMatrix, Vector3};
 
 use crate::factor::imu;
 use crate::factor::reprojection::{self, CameraMount, PairGeometry, ReprojectionLinearization};
-use crate::imu::NavState;
+use crate::imu::{ImuBias, NavState};
 use crate::real::Real;
 use crate::robust::kernel::Kernel;
-use crate::storage::blocks::{Block, pairs, zero_block};
+use crate::storage::blocks::{Block, pairs, place, zero_block};
+use crate::time::{Span, Timestamp};
 use crate::window::{CameraPose, Frame, NormalizedPoint, Window};
 
 /// What the factors have in common.
@@ -29,46 +30,66 @@ pub struct Settings<T: Real> {
 
 /// Where the cameras of a window are, currently and at the first estimates.
 #[derive(Debug)]
-pub struct Geometry<T: Real, const FRAMES: usize> {
-    /// `pairs[anchor][target]` at the current states.
-    pub pairs: [[PairGeometry<T>; FRAMES]; FRAMES],
+pub struct Geometry<T: Real, const FRAMES: usize, const PAIRS: usize> {
+    /// Pairs at the current states, `anchor < target` at `place(target, anchor)`.
+    pub pairs: [PairGeometry<T>; PAIRS],
     /// The same at the first estimates.
-    pub first_pairs: [[PairGeometry<T>; FRAMES]; FRAMES],
+    pub first_pairs: [PairGeometry<T>; PAIRS],
     /// Camera poses at the current states.
     pub camera_poses: [CameraPose<T>; FRAMES],
     /// Camera poses at the first estimates.
     pub first_camera_poses: [CameraPose<T>; FRAMES],
 }
 
+/// What the observations of one pair of frames say about their relative pose, see [`reprojection`].
+#[derive(Debug, Clone, Copy)]
+pub struct PairSum<T> {
+    /// `Σ w eᵀ e`.
+    pub information: Block<T, 6>,
+    /// `Σ w eᵀ r`.
+    pub gradient: [T; 6],
+}
+
 /// Normal equations and geometry of one window.
 #[derive(Debug)]
 pub struct Workspace<T: Real, const FRAMES: usize, const PAIRS: usize> {
-    /// Lower block triangle of `H`, later of its Cholesky factor.
+    /// Lower block triangle of `H`, later the factors of velocities and biases.
     pub hessian: [Block<T, 15>; PAIRS],
     /// `b = Jᵀ r`.
     pub gradient: [[T; 15]; FRAMES],
     /// The solved step of the frames.
     pub step: [[T; 15]; FRAMES],
+    /// The part of `H` that comes from images, over motions of the cameras; later the Cholesky factor of the poses.
+    pub visual: [Block<T, 6>; PAIRS],
+    /// The part of `b` that comes from images.
+    pub visual_gradient: [[T; 6]; FRAMES],
+    /// Sums of the pairs of frames.
+    pub pair_sums: [PairSum<T>; PAIRS],
     /// Cameras.
-    pub geometry: Geometry<T, FRAMES>,
-    /// Square-root information of the inertial factor that ends in each frame.
-    pub imu_square_roots: [Option<SMatrix<T, 15, 15>>; FRAMES],
+    pub geometry: Geometry<T, FRAMES, PAIRS>,
+    /// Square-root information of the inertial factor that ends in each frame: the lower triangle, row by row.
+    imu_square_roots: [Option<[T; 120]>; FRAMES],
+    /// What each was computed for.
+    imu_keys: [Option<IntegralKey<T>>; FRAMES],
     /// States to go back to when a step is refused.
     pub saved: [NavState<T>; FRAMES],
 }
 
-impl<T: Real, const FRAMES: usize> Default for Geometry<T, FRAMES> {
+/// Names an inertial integral: its end, its length, and the bias it was linearised at.
+type IntegralKey<T> = (Timestamp, Span, ImuBias<T>);
+
+impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for Geometry<T, FRAMES, PAIRS> {
     fn default() -> Self {
         Self {
-            pairs: [[PairGeometry::default(); FRAMES]; FRAMES],
-            first_pairs: [[PairGeometry::default(); FRAMES]; FRAMES],
+            pairs: [PairGeometry::default(); PAIRS],
+            first_pairs: [PairGeometry::default(); PAIRS],
             camera_poses: [CameraPose::default(); FRAMES],
             first_camera_poses: [CameraPose::default(); FRAMES],
         }
     }
 }
 
-impl<T: Real, const FRAMES: usize> Geometry<T, FRAMES> {
+impl<T: Real, const FRAMES: usize, const PAIRS: usize> Geometry<T, FRAMES, PAIRS> {
     /// Camera poses of all frames at their current states.
     pub fn update_camera_poses(&mut self, frames: &[Frame<T>], settings: &Settings<T>) {
         for (frame, pose) in frames.iter().zip(&mut self.camera_poses) {
@@ -86,38 +107,44 @@ impl<T: Real, const FRAMES: usize> Geometry<T, FRAMES> {
         fill_pairs(&mut self.first_pairs, &self.first_camera_poses[..frames.len()]);
     }
 
-    /// One observation, linearised.
+    /// The pair of `anchor < target` at the current states.
     #[inline]
+    #[must_use]
+    pub fn pair(&self, anchor: usize, target: usize) -> &PairGeometry<T> {
+        &self.pairs[place(target, anchor)]
+    }
+
+    /// One observation, linearised.
+    #[inline(always)]
     pub fn linearize(
         &self,
-        settings: &Settings<T>,
         anchor: usize,
         target: usize,
         direction: &Vector3<T>,
         inverse_depth: T,
         point: &NormalizedPoint<T>,
     ) -> Option<ReprojectionLinearization<T>> {
-        reprojection::linearize(
-            &settings.mount,
-            &self.pairs[anchor][target],
-            &self.first_pairs[anchor][target],
-            &self.first_camera_poses[target],
-            direction,
-            inverse_depth,
-            point,
-        )
+        let at = place(target, anchor);
+        reprojection::linearize(&self.pairs[at], &self.first_pairs[at], direction, inverse_depth, point)
     }
 }
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for Workspace<T, FRAMES, PAIRS> {
     fn default() -> Self {
-        const { assert!(PAIRS == pairs(FRAMES), "PAIRS must be FRAMES (FRAMES + 1) / 2") };
+        const {
+            assert!(PAIRS == pairs(FRAMES), "PAIRS must be FRAMES (FRAMES + 1) / 2");
+            assert!(FRAMES >= 6, "marginalisation works in the memory of the normal equations, which fewer frames make too small");
+        };
         Self {
             hessian: [zero_block(); PAIRS],
             gradient: [[T::ZERO; 15]; FRAMES],
             step: [[T::ZERO; 15]; FRAMES],
+            visual: [zero_block(); PAIRS],
+            visual_gradient: [[T::ZERO; 6]; FRAMES],
+            pair_sums: [PairSum { information: zero_block(), gradient: [T::ZERO; 6] }; PAIRS],
             geometry: Geometry::default(),
             imu_square_roots: [None; FRAMES],
+            imu_keys: [None; FRAMES],
             saved: [NavState::origin(); FRAMES],
         }
     }
@@ -128,21 +155,56 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Workspace<T, FRAMES, PAIR
     pub fn clear(&mut self, frames: usize) {
         self.hessian[..pairs(frames)].fill(zero_block());
         self.gradient[..frames].fill([T::ZERO; 15]);
+        self.visual[..pairs(frames)].fill(zero_block());
+        self.visual_gradient[..frames].fill([T::ZERO; 6]);
+        self.pair_sums[..pairs(frames)].fill(PairSum { information: zero_block(), gradient: [T::ZERO; 6] });
+    }
+
+    /// The square-root information of the inertial factor that ends in a frame, lower triangular, where it has one.
+    #[must_use]
+    pub fn imu_square_root(&self, frame: usize) -> Option<SMatrix<T, 15, 15>> {
+        let packed = self.imu_square_roots.get(frame)?.as_ref()?;
+        Some(SMatrix::from_fn(|r, c| if c <= r { packed[place(r, c)] } else { T::ZERO }))
+    }
+
+    /// Covariance of the newest of `frames` poses, `[δφ δp]`, 6×6, once factorised: it comes last in the elimination, so it
+    /// is that of the last diagonal block alone.
+    #[must_use]
+    pub fn newest_pose_covariance(&self, frames: usize) -> Option<SMatrix<T, 6, 6>> {
+        let last = frames.checked_sub(1)?;
+        let block = self.visual.get(place(last, last))?;
+        let lower = SMatrix::<T, 6, 6>::from_fn(|r, c| if c <= r { block[r][c] } else { T::ZERO });
+        let inverse = lower.solve_lower_triangular(&SMatrix::<T, 6, 6>::identity())?;
+        Some(inverse.tr_mul(&inverse))
     }
 
     /// Geometry, and the weights of the inertial factors; once per solution.
     pub fn prepare<const POINTS: usize>(&mut self, window: &Window<T, FRAMES, POINTS>, settings: &Settings<T>) {
-        for (i, frame) in window.frames.iter().enumerate() {
-            self.imu_square_roots[i] = if i == 0 { None } else { imu::sqrt_information(&frame.from_previous) };
+        for (i, frame) in window.frames.iter().enumerate().skip(1) {
+            let key = Some((frame.stamp, frame.from_previous.span(), *frame.from_previous.bias()));
+            // When frames have left the window, the others have moved towards its beginning.
+            if let Some(known) = (i..FRAMES).find(|known| self.imu_keys[*known] == key) {
+                self.imu_keys.swap(i, known);
+                self.imu_square_roots.swap(i, known);
+            } else {
+                self.imu_keys[i] = key;
+                self.imu_square_roots[i] = imu::sqrt_information(&frame.from_previous).map(|root| {
+                    let mut packed = [T::ZERO; 120];
+                    for (slot, (r, c)) in packed.iter_mut().zip((0..15).flat_map(|r| (0..=r).map(move |c| (r, c)))) {
+                        *slot = root[(r, c)];
+                    }
+                    packed
+                });
+            }
         }
         self.geometry.update(&window.frames, settings);
     }
 }
 
-fn fill_pairs<T: Real, const FRAMES: usize>(pairs: &mut [[PairGeometry<T>; FRAMES]; FRAMES], poses: &[CameraPose<T>]) {
-    for (i, anchor) in poses.iter().enumerate() {
-        // A landmark's anchor is the oldest frame that sees it: later frames are the targets.
-        for (target, pair) in poses.iter().zip(&mut pairs[i]).skip(i + 1) {
+fn fill_pairs<T: Real>(pairs: &mut [PairGeometry<T>], poses: &[CameraPose<T>]) {
+    // A landmark's anchor is the oldest frame that sees it: later frames are the targets.
+    for (i, target) in poses.iter().enumerate() {
+        for (anchor, pair) in poses[..i].iter().zip(&mut pairs[place(i, 0)..]) {
             *pair = PairGeometry::new(target, anchor);
         }
     }

@@ -27,21 +27,32 @@ pub const fn zero_block<T: Real, const B: usize>() -> Block<T, B> {
     [[T::ZERO; B]; B]
 }
 
-/// `C += Aᵀ B`.
-#[inline]
-pub fn add_transposed_product<T: Real, const B: usize>(c: &mut Block<T, B>, a: &Block<T, B>, b: &Block<T, B>) {
-    for (c_row, i) in c.iter_mut().zip(0..B) {
-        for k in 0..B {
-            let scale = a[k][i];
-            for (out, value) in c_row.iter_mut().zip(&b[k]) {
+/// `C += Aᵀ B` with `A` K×M and `B` K×N, on the upper left M×N of `C`.
+// Kept out of line: the arguments are then known not to overlap, without which the loops stay scalar.
+#[inline(never)]
+pub fn add_transposed_product<T: Real, const W: usize, const K: usize, const M: usize, const N: usize>(
+    c: &mut Block<T, W>,
+    a: &[[T; M]; K],
+    b: &[[T; N]; K],
+) {
+    const { assert!(M <= W && N <= W) };
+    for (i, c_row) in c.iter_mut().enumerate().take(M) {
+        let mut sum = [T::ZERO; N];
+        for (a_row, b_row) in a.iter().zip(b) {
+            let scale = a_row[i];
+            for (out, value) in sum.iter_mut().zip(b_row) {
                 *out += scale * *value;
             }
+        }
+        for (out, value) in c_row.iter_mut().zip(&sum) {
+            *out += *value;
         }
     }
 }
 
 /// `C −= A B`.
-#[inline]
+// Out of line for the same reason.
+#[inline(never)]
 pub fn subtract_product<T: Real, const B: usize>(c: &mut Block<T, B>, a: &Block<T, B>, b: &Block<T, B>) {
     for (c_row, a_row) in c.iter_mut().zip(a) {
         for (scale, b_row) in a_row.iter().zip(b) {

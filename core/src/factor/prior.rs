@@ -98,3 +98,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Prior<T, FRAMES, PAIRS> {
         out
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;

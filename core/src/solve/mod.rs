@@ -11,3 +11,7 @@ pub use assemble::{assemble, back_substitute, cost};
 pub use levenberg::{SolveReport, optimize};
 pub use marginalize::{MarginalizationWorkspace, add_initial, marginalize_oldest};
 pub use workspace::{Settings, Workspace};
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;

@@ -6,13 +6,13 @@ mod support {
     pub mod tolerance;
 }
 
-use libella_core::estimator::{FrameOutcome, Health, InputError};
+use libella_core::estimator::{FrameOutcome, Health, InputError, Waiting};
 use libella_core::imu::ImuSample;
 use libella_core::time::{Span, Timestamp};
 use libella_core::track::{Observation, TrackId};
-use libella_host::sim::{MotionKind, Recording};
-use nalgebra::{Vector2, Vector3};
-use support::flight::{Flown, Pilot, fly, in_scalar, real_config, with_room};
+use libella_host::sim::{FeatureConfig, MotionKind, Recording};
+use nalgebra::{Isometry3, UnitQuaternion, Vector2, Vector3};
+use support::flight::{Flown, Pilot, fly, in_scalar, real_config, truth_at, with_room};
 use support::motion::Script;
 use support::tolerance::{ATE_VICON_ROOM_M, REST_DRIFT_M, SCALE_PERCENT};
 
@@ -301,5 +301,60 @@ fn nonsense_corners_do_no_harm() {
             pilot.push_frame(frame.stamp, &seen).unwrap();
         }
         assert_accurate("nonsense corners", &pilot.flown, &recording);
+    });
+}
+
+/// A camera that is mounted otherwise than the calibration says.
+#[test]
+fn wrong_extrinsics_are_reported_instead_of_flown() {
+    with_room(|| {
+        for (what, rest_s) in [("in motion", 0.0), ("at rest", 1.5)] {
+            let recording = Script { rest_s, duration_s: 12.0, ..Script::default() }.recording();
+            let pose = recording.body_from_camera;
+            let quarter = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.0, std::f64::consts::FRAC_PI_2));
+            let wrong = [
+                ("inverted", pose.inverse()),
+                ("identity", Isometry3::identity()),
+                ("a quarter turn off", Isometry3::from_parts(pose.translation, pose.rotation * quarter)),
+            ];
+            for (name, extrinsics) in wrong {
+                let mut pilot = Pilot::<f64>::with_extrinsics(&recording, real_config(&recording), &extrinsics);
+                let mut waiting = Vec::new();
+                for frame in &recording.frames {
+                    pilot.fly(frame);
+                    if let Health::Initialising(reason) = pilot.estimator.health() {
+                        waiting.push(reason);
+                    }
+                }
+                let flown = &pilot.flown;
+                let worst = flown.states.iter().filter_map(|known| {
+                    let truth = truth_at(&recording, known.stamp)?;
+                    Some((known.state.velocity_in_world.norm() - truth.velocity_in_world.norm()).abs())
+                });
+                let worst = worst.fold(0.0, f64::max);
+                let healthy = flown.health.iter().filter(|health| **health == Health::Tracking).count();
+                let disagreed = waiting.iter().filter(|reason| matches!(reason, Waiting::Agreement | Waiting::Gravity)).count();
+                println!(
+                    "{name}, started {what}: {healthy} healthy of {} images, {} losses, speed wrong by up to {worst:.2} m/s, {disagreed} times reported",
+                    flown.outcomes.len(),
+                    flown.losses()
+                );
+                assert!(disagreed > 0, "{name}, started {what}: nobody was told");
+                assert!(worst < 2.0, "{name}, started {what}: healthy with a speed that is {worst:.1} m/s wrong");
+                if rest_s == 0.0 {
+                    assert_eq!(healthy, 0, "{name}: healthy with the camera looking elsewhere");
+                }
+            }
+        }
+    });
+}
+
+#[test]
+fn a_crowd_of_outliers_is_flown_through() {
+    with_room(|| {
+        let features = FeatureConfig { count: 100, outlier_share: 0.1, ..FeatureConfig::default() };
+        let recording = Script { duration_s: 14.0, features, ..Script::default() }.recording();
+        let flown = fly::<f64>(&recording, real_config(&recording));
+        assert_accurate("every tenth corner an outlier", &flown, &recording);
     });
 }

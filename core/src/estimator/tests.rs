@@ -220,7 +220,7 @@ fn a_dropped_frame_hands_its_samples_on() {
     let mut samples = motion.samples(0, 5_000_000, 200).into_iter();
     for k in 0..5_i64 {
         let stamp = Timestamp::from_nanos(k * 150_000_000 + 2_000_000);
-        while let Some(sample) = samples.next() {
+        for sample in samples.by_ref() {
             assert_eq!(estimator.push_imu(sample), Ok(()));
             if sample.stamp >= stamp {
                 break;

@@ -154,7 +154,7 @@ fn recipes() -> impl Iterator<Item = Recipe> {
     (0..6).map(|seed| Recipe {
         seed,
         frames: 4 + seed as usize % 3,
-        kernel: if seed % 2 == 0 { Kernel::Quadratic } else { Kernel::huber(2.25) },
+        kernel: if seed.is_multiple_of(2) { Kernel::Quadratic } else { Kernel::huber(2.25) },
         ..Recipe::default()
     })
 }

@@ -81,7 +81,7 @@ fn compare(
 }
 
 fn recipe(seed: u64) -> Recipe {
-    let kernel = if seed % 2 == 0 { Kernel::Quadratic } else { Kernel::huber(2.25) };
+    let kernel = if seed.is_multiple_of(2) { Kernel::Quadratic } else { Kernel::huber(2.25) };
     Recipe { seed, frames: 6, kernel, ..Recipe::default() }
 }
 

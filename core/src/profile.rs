@@ -5,7 +5,7 @@
 //!
 //! | profile | scalar | frames | points | samples | image | budget |
 //! |---|---|---|---|---|---|---|
-//! | [`Desktop`] | `f64` or `f32` | 12 | 512 | 4096 | 752×480 | 8 MiB |
+//! | [`Desktop`] | `f64` or `f32` | 16 | 640 | 4096 | 752×480 | 8 MiB |
 //! | [`Mobile`] | `f32` | 8 | 150 | 512 | 640×480 | 512 KiB |
 //! | [`Micro`] | `f32` | 6 | 64 | 64 | 160×120 | 128 KiB with [`MicroPyramids`] |
 
@@ -13,7 +13,7 @@ use crate::estimator::Estimator;
 use crate::image::{PyramidPair, pyramid_bytes};
 
 /// Workstation: 752×480.
-pub type Desktop<T> = Estimator<T, 12, 78, 512, 4096>;
+pub type Desktop<T> = Estimator<T, 16, 136, 640, 4096>;
 
 /// Telephone or single-board computer: 640×480 in single precision.
 pub type Mobile = Estimator<f32, 8, 36, 150, 512>;

@@ -45,7 +45,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     /// Solves the window, then refines bearings and takes outliers out.
     pub(super) fn solve(&mut self, iterations: u8) {
         self.report.solver = optimize(&mut self.window, &self.prior, &mut self.workspace, &self.settings, iterations);
-        self.update_covariance();
+        self.pose_covariance = self.workspace.newest_pose_covariance;
         let poses = &self.workspace.geometry.camera_poses;
         for landmark in self.window.landmarks.iter_mut().filter(|landmark| landmark.active) {
             landmark.refine(poses);
@@ -115,15 +115,9 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.window.landmarks.iter().filter(|landmark| landmark.is_seen_in(newest) && landmark.observations() > 1).count()
     }
 
-    fn update_covariance(&mut self) {
-        if let Some(covariance) = self.workspace.newest_pose_covariance(self.window.frames.len()) {
-            self.pose_covariance = covariance;
-        }
-    }
-
     /// Whether the solution explains the corners badly: far more than noise is left, or most of them were taken out.
     fn contradicted(&self) -> bool {
-        self.is_cost_above(T::of(3.0)) || self.report.outliers * 2 > self.report.tracked + 20
+        self.is_cost_above(T::of(3.0)) || self.report.outliers > self.report.tracked + 20
     }
 
     /// Whether the cost per observation is above `most`; about 0.75 where noise alone is left.

@@ -49,7 +49,14 @@ pub fn optimize<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
         }
         report.final_cost = before;
         report.iterations += 1;
-        let Some(predicted) = solve_step(workspace, frames, damping) else {
+        let factored = solve_step(workspace, frames, damping);
+        if iteration == 0 {
+            // Later ones may be damped, which would claim to know more.
+            if let Some(covariance) = factored.and_then(|_| workspace.factored_covariance(frames)) {
+                workspace.newest_pose_covariance = covariance;
+            }
+        }
+        let Some(predicted) = factored else {
             damping *= T::of(100.0);
             if damping > T::of(DAMPING_MOST) {
                 break;

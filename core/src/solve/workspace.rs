@@ -71,6 +71,8 @@ pub struct Workspace<T: Real, const FRAMES: usize, const PAIRS: usize> {
     imu_square_roots: [Option<[T; 120]>; FRAMES],
     /// What each was computed for.
     imu_keys: [Option<IntegralKey<T>>; FRAMES],
+    /// Covariance of the newest pose, `[δφ δp]`, 6×6, from the first, undamped factor of the last solution.
+    pub newest_pose_covariance: SMatrix<T, 6, 6>,
     /// States to go back to when a step is refused.
     pub saved: [NavState<T>; FRAMES],
 }
@@ -145,6 +147,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for Workspace<T, 
             geometry: Geometry::default(),
             imu_square_roots: [None; FRAMES],
             imu_keys: [None; FRAMES],
+            newest_pose_covariance: SMatrix::zeros(),
             saved: [NavState::origin(); FRAMES],
         }
     }
@@ -169,8 +172,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Workspace<T, FRAMES, PAIR
 
     /// Covariance of the newest of `frames` poses, `[δφ δp]`, 6×6, once factorised: it comes last in the elimination, so it
     /// is that of the last diagonal block alone.
-    #[must_use]
-    pub fn newest_pose_covariance(&self, frames: usize) -> Option<SMatrix<T, 6, 6>> {
+    pub(super) fn factored_covariance(&self, frames: usize) -> Option<SMatrix<T, 6, 6>> {
         let last = frames.checked_sub(1)?;
         let block = self.visual.get(place(last, last))?;
         let lower = SMatrix::<T, 6, 6>::from_fn(|r, c| if c <= r { block[r][c] } else { T::ZERO });

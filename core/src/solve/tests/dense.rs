@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, Matrix6, RowVector6};
 use super::world::{Recipe, SmallPrior, SmallWindow, SmallWorkspace, World};
 use crate::factor::{imu, reprojection};
 use crate::robust::kernel::Kernel;
-use crate::solve::{Settings, assemble, back_substitute, chain, cost};
+use crate::solve::{Settings, assemble, back_substitute, chain, cost, optimize};
 use crate::storage::blocks::place;
 
 /// What [`assemble`] adds to the curvature of every landmark.
@@ -234,6 +234,31 @@ fn the_step_is_that_of_the_whole_system() {
         let variances = scaled.cholesky().unwrap().inverse().diagonal().component_mul(&scale).component_mul(&scale);
         for (k, (a, b)) in found.iter().zip(expected.iter()).enumerate() {
             assert!((a - b).abs() < 1e-7 * variances[k].sqrt(), "unknown {k}: {a} where {b} is due");
+        }
+    }
+}
+
+/// The covariance that a solution states of the newest pose is that block of the inverse of the whole system.
+#[test]
+fn the_stated_covariance_is_that_of_the_whole_system() {
+    for recipe in recipes() {
+        let world = World::<f64>::new(&recipe);
+        let whole = dense(&world.window, &world.prior, &world.settings);
+        let hessian = whole.normal_equations().0;
+        let scale = hessian.diagonal().map(|value| 1.0 / value.sqrt());
+        let scaled = DMatrix::from_fn(hessian.nrows(), hessian.ncols(), |r, c| hessian[(r, c)] * scale[r] * scale[c]);
+        let inverse = scaled.cholesky().unwrap().inverse();
+        let newest = 15 * (whole.frames - 1);
+        let expected = Matrix6::from_fn(|r, c| inverse[(newest + r, newest + c)] * scale[newest + r] * scale[newest + c]);
+        // However far the solution goes: it is that of where it began, where nothing is damped.
+        for iterations in [1, 10] {
+            let mut workspace = Box::<SmallWorkspace<f64>>::default();
+            optimize(&mut super::world::copy(&world.window), &world.prior, &mut workspace, &world.settings, iterations);
+            let found = workspace.newest_pose_covariance;
+            for (r, c) in (0..6).flat_map(|r| (0..6).map(move |c| (r, c))) {
+                let size = (expected[(r, r)] * expected[(c, c)]).sqrt();
+                assert!((found[(r, c)] - expected[(r, c)]).abs() < 1e-6 * size, "{r} {c}: {} {}", found[(r, c)], expected[(r, c)]);
+            }
         }
     }
 }

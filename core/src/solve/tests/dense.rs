@@ -238,13 +238,20 @@ fn the_step_is_that_of_the_whole_system() {
     }
 }
 
-/// The covariance that a solution states of the newest pose is that block of the inverse of the whole system.
+/// The covariance that a solution states of the newest pose is that block of the inverse of the whole system, damped as the
+/// first step is: 1e-11 of the diagonal and 1e-6.
 #[test]
 fn the_stated_covariance_is_that_of_the_whole_system() {
     for recipe in recipes() {
         let world = World::<f64>::new(&recipe);
         let whole = dense(&world.window, &world.prior, &world.settings);
-        let hessian = whole.normal_equations().0;
+        let mut hessian = whole.normal_equations().0;
+        let mut workspace = Box::<SmallWorkspace<f64>>::default();
+        workspace.prepare(&world.window, &world.settings);
+        assemble(&world.window, &world.prior, &mut workspace, &world.settings, 0.0);
+        for (k, value) in reduced(&workspace, whole.frames).diagonal().iter().enumerate() {
+            hessian[(k, k)] += 1e-11 * value + 1e-6;
+        }
         let scale = hessian.diagonal().map(|value| 1.0 / value.sqrt());
         let scaled = DMatrix::from_fn(hessian.nrows(), hessian.ncols(), |r, c| hessian[(r, c)] * scale[r] * scale[c]);
         let inverse = scaled.cholesky().unwrap().inverse();

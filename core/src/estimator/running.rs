@@ -129,7 +129,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
 
     /// Whether the solution explains the corners badly: far more than noise is left, or most of them were taken out.
     pub(super) fn contradicted(&self) -> bool {
-        let residuals: usize = self.window.landmarks.iter().filter(|landmark| landmark.active).map(|landmark| landmark.observations() - 1).sum();
+        let residuals: usize =
+            self.window.landmarks.iter().filter(|landmark| landmark.active).map(|landmark| landmark.observations() - 1).sum();
         #[allow(clippy::cast_precision_loss)]
         let expected = T::of((residuals + 20) as f64);
         self.report.solver.final_cost > expected * T::of(3.0) || self.report.outliers * 2 > self.report.tracked + 20

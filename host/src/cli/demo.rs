@@ -75,7 +75,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         evaluation: evaluation.as_ref(),
     };
     pipeline::draw(&arguments.out, &figure)?;
-    sheet.draw(&arguments.out.join("demo.png"), &figure)?;
+    // Without the times, so that the same flight gives the same picture.
+    let lasting = subtitle(&Report { core_ms: None, ..report.clone() });
+    sheet.draw(&arguments.out.join("demo.png"), &Figure { subtitle: &lasting, ..figure })?;
     if !arguments.quiet {
         let rendering = clock.mean_ms().map(|mean| format!(", {mean:.1} ms per image while the odometry runs")).unwrap_or_default();
         say(&describe(&recording, &report, evaluation.as_ref(), &arguments.out));

@@ -1,6 +1,6 @@
 //! One picture of a whole run: images with the corners that were followed, the map from above, height and error over time.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::Path;
 
 use libella_core::time::Timestamp;
@@ -44,7 +44,7 @@ pub struct ContactSheet {
     /// Where each corner of the last image was before, oldest first.
     trails: HashMap<TrackId, VecDeque<[f64; 2]>>,
     /// The newest estimate of every landmark, in the estimator's world, m.
-    landmarks: HashMap<TrackId, Vector3<f64>>,
+    landmarks: BTreeMap<TrackId, Vector3<f64>>,
     tiles: Vec<Tile>,
 }
 
@@ -62,7 +62,7 @@ impl ContactSheet {
         // The first one not before the start has been found in most runs, the last one near the end.
         let tiles = (COLUMNS * ROWS) as usize;
         let wanted = (0..tiles).map(|tile| images * (3 * tile + 3) / (3 * tiles + 1)).collect();
-        Self { wanted, images: 0, begun: None, trails: HashMap::new(), landmarks: HashMap::new(), tiles: Vec::new() }
+        Self { wanted, images: 0, begun: None, trails: HashMap::new(), landmarks: BTreeMap::new(), tiles: Vec::new() }
     }
 
     /// Takes in one image of the run; they come in order.

@@ -160,3 +160,7 @@ fn front_end_config<T: Real>(camera: &CameraModel<T>) -> FrontEndConfig {
     let (width, height) = camera.size_px();
     FrontEndConfig::for_image(width as usize, height as usize, TARGET_TRACKS)
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;

@@ -149,3 +149,7 @@ fn add_transposed_times<T: Real, const N: usize>(y: &mut [T; 15], a: &[[T; N]], 
         }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;

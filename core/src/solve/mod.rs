@@ -15,3 +15,7 @@ pub use assemble::{assemble, back_substitute, cost};
 pub use levenberg::{SolveReport, optimize};
 pub use marginalize::{add_initial, marginalize_oldest};
 pub use workspace::{Geometry, PairSum, Settings, Workspace};
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;

@@ -80,3 +80,7 @@ impl<T: Real, const FRAMES: usize, const POINTS: usize> Window<T, FRAMES, POINTS
         self.frames.iter().take(before).rposition(|frame| frame.keyframe)
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;

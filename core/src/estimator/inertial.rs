@@ -30,10 +30,10 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
         if !sample.is_finite() {
             return Err(InputError::NotFinite(sample.stamp));
         }
-        if let Some(last) = self.samples.back() {
-            if sample.stamp <= last.stamp {
-                return Err(InputError::Stale(last.stamp - sample.stamp));
-            }
+        if let Some(last) = self.samples.back()
+            && sample.stamp <= last.stamp
+        {
+            return Err(InputError::Stale(last.stamp - sample.stamp));
         }
         if self.samples.is_full() {
             // The second-oldest has to cover the start of what is still to be integrated.

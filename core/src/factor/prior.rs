@@ -15,7 +15,7 @@
 
 use crate::imu::NavState;
 use crate::real::Real;
-use crate::storage::blocks::{Block, add_transposed_product, pairs, place, zero_block};
+use crate::storage::blocks::{Block, add_transposed_product, columns, pairs, place, zero_block};
 use crate::window::Frame;
 
 /// A square-root prior on the first `frames` frames of the window.
@@ -80,19 +80,31 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Prior<T, FRAMES, PAIRS> {
         self.residual(frames).squared()
     }
 
-    /// Adds `RᵀR` to the lower block triangle `hessian` and `Rᵀ (R δ + d)` to `gradient`; returns `‖R δ + d‖²`.
-    pub fn add_to(&self, frames: &[Frame<T>], hessian: &mut [Block<T, 15>], gradient: &mut [[T; 15]]) -> T {
+    /// Adds `RᵀR` and `Rᵀ (R δ + d)` to the normal equations; returns `‖R δ + d‖²`. Of the pose `p` and the rest `u` of a frame,
+    /// `poses` holds `H(p_i, p_j)` and `couplings` `H(u_j, p_i)`, `j ≤ i`, at `place(i, j)`; `rest_of_first` is `H(u_0, u_0)`.
+    pub fn add_to(
+        &self,
+        frames: &[Frame<T>],
+        poses: &mut [Block<T, 6>],
+        couplings: &mut [[[T; 6]; 9]],
+        rest_of_first: &mut Block<T, 9>,
+        gradient: &mut [[T; 15]],
+    ) -> T {
         if self.frames == 0 {
             return T::ZERO;
         }
         let residual = self.residual(frames);
-        add_transposed_product(&mut hessian[0], &self.head, &self.head);
+        let (pose, rest): ([[T; 6]; 15], [[T; 9]; 15]) = (columns(&self.head, 0), columns(&self.head, 6));
+        add_transposed_product(&mut poses[0], &pose, &pose);
+        add_transposed_product(&mut couplings[0], &rest, &pose);
+        add_transposed_product(rest_of_first, &rest, &rest);
         add_transposed_times(&mut gradient[0], &self.head, &residual.head);
         for i in 1..self.frames {
-            add_transposed_product(&mut hessian[place(i, 0)], &self.coupling[i], &self.head);
+            add_transposed_product(&mut poses[place(i, 0)], &self.coupling[i], &pose);
+            add_transposed_product(&mut couplings[place(i, 0)], &rest, &self.coupling[i]);
             add_transposed_times(&mut gradient[i], &self.coupling[i], &residual.head);
             for j in 1..=i {
-                let target = &mut hessian[place(i, j)];
+                let target = &mut poses[place(i, j)];
                 add_transposed_product(target, &self.coupling[i], &self.coupling[j]);
                 for k in 1..=j {
                     add_transposed_product(target, &self.poses[place(i, k)], &self.poses[place(j, k)]);

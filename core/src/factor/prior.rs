@@ -18,15 +18,13 @@ use crate::real::Real;
 use crate::storage::blocks::{Block, add_transposed_product, columns, pairs, place, zero_block};
 use crate::window::Frame;
 
-/// A square-root prior on the first `frames` frames of the window.
+/// A square-root prior on the first `frames` frames of the window, at most `FRAMES − 2`.
 #[derive(Debug)]
 pub struct Prior<T: Real, const FRAMES: usize, const PAIRS: usize> {
     /// `H`, upper triangular.
     pub head: Block<T, 15>,
-    /// `C_j` at `j`; the first is unused.
-    pub coupling: [[[T; 6]; 15]; FRAMES],
-    /// `P_ij`, `1 ≤ i ≤ j`, at `place(j, i)`.
-    pub poses: [Block<T, 6>; PAIRS],
+    /// Columns one after the other, see [`Self::column`].
+    columns: [Block<T, 6>; PAIRS],
     /// `d` of the oldest frame.
     pub right_head: [T; 15],
     /// `d` of the poses.
@@ -42,8 +40,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for Prior<T, FRAM
         const { assert!(PAIRS == pairs(FRAMES), "PAIRS must be FRAMES (FRAMES + 1) / 2") };
         Self {
             head: zero_block(),
-            coupling: [[[T::ZERO; 6]; 15]; FRAMES],
-            poses: [zero_block(); PAIRS],
+            columns: [zero_block(); PAIRS],
             right_head: [T::ZERO; 15],
             right: [[T::ZERO; 6]; FRAMES],
             frames: 0,
@@ -63,6 +60,19 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Prior<T, FRAMES, PAIRS> {
     pub fn clear(&mut self) {
         self.frames = 0;
         self.origin = None;
+    }
+
+    /// What `R` says of the pose of frame `j ≥ 1`: `C_j`, and `P_1j … P_jj`.
+    #[must_use]
+    pub fn column(&self, j: usize) -> (&[[T; 6]; 15], &[Block<T, 6>]) {
+        let (coupling, poses) = self.columns.as_flattened()[rows_of(j)].split_at(15);
+        (&coupling.as_chunks().0[0], poses.as_chunks().0)
+    }
+
+    /// The same, to be written.
+    pub fn column_mut(&mut self, j: usize) -> (&mut [[T; 6]; 15], &mut [Block<T, 6>]) {
+        let (coupling, poses) = self.columns.as_flattened_mut()[rows_of(j)].split_at_mut(15);
+        (&mut coupling.as_chunks_mut().0[0], poses.as_chunks_mut().0)
     }
 
     /// Moves the very first prior from its origin to the first estimate of its frame, by its own linear model.
@@ -100,16 +110,18 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Prior<T, FRAMES, PAIRS> {
         add_transposed_product(rest_of_first, &rest, &rest);
         add_transposed_times(&mut gradient[0], &self.head, &residual.head);
         for i in 1..self.frames {
-            add_transposed_product(&mut poses[place(i, 0)], &self.coupling[i], &pose);
-            add_transposed_product(&mut couplings[place(i, 0)], &rest, &self.coupling[i]);
-            add_transposed_times(&mut gradient[i], &self.coupling[i], &residual.head);
-            for j in 1..=i {
+            let (coupling, own) = self.column(i);
+            add_transposed_product(&mut poses[place(i, 0)], coupling, &pose);
+            add_transposed_product(&mut couplings[place(i, 0)], &rest, coupling);
+            add_transposed_times(&mut gradient[i], coupling, &residual.head);
+            for (j, block) in (1..).zip(own) {
                 let target = &mut poses[place(i, j)];
-                add_transposed_product(target, &self.coupling[i], &self.coupling[j]);
-                for k in 1..=j {
-                    add_transposed_product(target, &self.poses[place(i, k)], &self.poses[place(j, k)]);
+                let (other_coupling, other) = self.column(j);
+                add_transposed_product(target, coupling, other_coupling);
+                for (a, b) in own.iter().zip(other) {
+                    add_transposed_product(target, a, b);
                 }
-                add_transposed_times(&mut gradient[i], &self.poses[place(i, j)], &residual.poses[j]);
+                add_transposed_times(&mut gradient[i], block, &residual.poses[j]);
             }
         }
         residual.squared()
@@ -124,9 +136,10 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Prior<T, FRAMES, PAIRS> {
                 add_times(&mut out.head, &self.head, &delta);
                 continue;
             }
-            add_times(&mut out.head, &self.coupling[j], &delta);
-            for i in 1..=j {
-                add_times(&mut out.poses[i], &self.poses[place(j, i)], &delta);
+            let (coupling, poses) = self.column(j);
+            add_times(&mut out.head, coupling, &delta);
+            for (out, block) in out.poses.iter_mut().skip(1).zip(poses) {
+                add_times(out, block, &delta);
             }
         }
         out.poses[self.frames.max(1)..].fill([T::ZERO; 6]);
@@ -142,6 +155,12 @@ impl<T: Real, const FRAMES: usize> Residual<T, FRAMES> {
     fn squared(&self) -> T {
         self.head.iter().chain(self.poses.as_flattened()).fold(T::ZERO, |sum, value| sum + *value * *value)
     }
+}
+
+/// Rows of six that the column of frame `j` takes, after `15 + 6k` for each `k` before it.
+fn rows_of(j: usize) -> core::ops::Range<usize> {
+    let start = (j - 1) * (15 + 3 * j);
+    start..start + 15 + 6 * j
 }
 
 /// `y += A x`, by as much of `x` as `A` has columns.

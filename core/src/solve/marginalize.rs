@@ -265,17 +265,19 @@ fn load<T: Real, const FRAMES: usize, const PAIRS: usize>(triangle: &mut Rows<'_
         let row = triangle.row_mut(r);
         row[..15].copy_from_slice(&prior.head[r]);
         row[columns] = prior.right_head[r];
-        for j in 1..prior.frames {
-            row[column(j)..column(j) + 6].copy_from_slice(&prior.coupling[j][r]);
-        }
     }
-    for i in 1..prior.frames {
-        for r in 0..6 {
-            let row = triangle.row_mut(column(i) + r);
-            row[columns] = prior.right[i][r];
-            for j in i..prior.frames {
-                row[column(j)..column(j) + 6].copy_from_slice(&prior.poses[place(j, i)][r]);
+    for j in 1..prior.frames {
+        let (coupling, poses) = prior.column(j);
+        for (r, values) in coupling.iter().enumerate() {
+            triangle.row_mut(r)[column(j)..column(j) + 6].copy_from_slice(values);
+        }
+        for (i, block) in (1..).zip(poses) {
+            for (r, values) in block.iter().enumerate() {
+                triangle.row_mut(column(i) + r)[column(j)..column(j) + 6].copy_from_slice(values);
             }
+        }
+        for (r, value) in prior.right[j].iter().enumerate() {
+            triangle.row_mut(column(j) + r)[columns] = *value;
         }
     }
 }
@@ -287,22 +289,23 @@ fn store<T: Real, const FRAMES: usize, const PAIRS: usize>(
     involved: usize,
     columns: usize,
 ) {
-    let pose = |row: &[T], j: usize| core::array::from_fn(|c| row[column(j) + c]);
     for r in 0..15 {
         let row = triangle.row(15 + r);
         prior.head[r].copy_from_slice(&row[15..30]);
         prior.right_head[r] = row[columns];
-        for j in 2..involved {
-            prior.coupling[j - 1][r] = pose(row, j);
-        }
     }
-    for i in 2..involved {
-        for r in 0..6 {
-            let row = triangle.row(column(i) + r);
-            prior.right[i - 1][r] = row[columns];
-            for j in i..involved {
-                prior.poses[place(j - 1, i - 1)][r] = pose(row, j);
+    for j in 2..involved {
+        let (coupling, poses) = prior.column_mut(j - 1);
+        for (r, values) in coupling.iter_mut().enumerate() {
+            values.copy_from_slice(&triangle.row(15 + r)[column(j)..column(j) + 6]);
+        }
+        for (i, block) in (2..).zip(poses) {
+            for (r, values) in block.iter_mut().enumerate() {
+                values.copy_from_slice(&triangle.row(column(i) + r)[column(j)..column(j) + 6]);
             }
+        }
+        for (r, value) in prior.right[j - 1].iter_mut().enumerate() {
+            *value = triangle.row(column(j) + r)[columns];
         }
     }
     prior.frames = involved - 1;

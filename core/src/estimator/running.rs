@@ -153,7 +153,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             force += sample.accel_m_s2 - bias.accel_m_s2;
             count += T::one();
         }
-        if !(count > T::ZERO) {
+        if count == T::ZERO {
             return;
         }
         // Means over the interval: running motors shake a body that rests.

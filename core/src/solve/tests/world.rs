@@ -194,15 +194,3 @@ pub fn copy<T: Real>(window: &SmallWindow<T>) -> SmallWindow<T> {
     Window { frames: window.frames.clone(), landmarks: window.landmarks.clone() }
 }
 
-/// The same prior once more.
-pub fn copy_prior<T: Real>(prior: &SmallPrior<T>) -> SmallPrior<T> {
-    Prior {
-        head: prior.head,
-        coupling: prior.coupling,
-        poses: prior.poses,
-        right_head: prior.right_head,
-        right: prior.right,
-        frames: prior.frames,
-        origin: prior.origin,
-    }
-}

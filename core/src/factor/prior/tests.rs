@@ -120,13 +120,7 @@ fn a_prior_of_one_number_by_hand() {
 fn frames_beyond_the_prior_are_free() {
     let (prior, frames) = example::<f64>(3);
     let (hessian, gradient) = normal_equations(&prior, &frames);
-    let total = prior.add_to(
-        &frames,
-        &mut [zero_block(); PAIRS],
-        &mut [[[0.0; 6]; 9]; PAIRS],
-        &mut zero_block(),
-        &mut [[0.0; 15]; FRAMES],
-    );
+    let total = prior.add_to(&frames, &mut [zero_block(); PAIRS], &mut [[[0.0; 6]; 9]; PAIRS], &mut zero_block(), &mut [[0.0; 15]; FRAMES]);
     assert_eq!(total.to_bits(), prior.cost(&frames).to_bits());
     assert!(hessian.rows(45, 15).iter().chain(gradient.rows(45, 15).iter()).all(|value| *value == 0.0));
     let mut other = frames;

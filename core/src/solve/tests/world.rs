@@ -193,4 +193,3 @@ fn see(anchor: &CameraPose<f64>, target: &CameraPose<f64>, direction: &Vector3<f
 pub fn copy<T: Real>(window: &SmallWindow<T>) -> SmallWindow<T> {
     Window { frames: window.frames.clone(), landmarks: window.landmarks.clone() }
 }
-

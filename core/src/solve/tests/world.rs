@@ -15,7 +15,7 @@ use crate::storage::blocks::pairs;
 use crate::track::TrackId;
 use crate::window::{CameraPose, Frame, Landmark, NormalizedPoint, Window};
 
-pub const FRAMES: usize = 7;
+pub const FRAMES: usize = 8;
 pub const PAIRS: usize = pairs(FRAMES);
 pub const POINTS: usize = 48;
 /// One over the standard deviation of a corner on the plane z = 1: one pixel of EuRoC's camera.

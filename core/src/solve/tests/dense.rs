@@ -267,7 +267,8 @@ fn the_stated_covariance_is_that_of_the_whole_system() {
             let found = workspace.newest_pose_covariance;
             for (r, c) in (0..6).flat_map(|r| (0..6).map(move |c| (r, c))) {
                 let size = (expected[(r, r)] * expected[(c, c)]).sqrt();
-                assert!((found[(r, c)] - expected[(r, c)]).abs() < 1e-6 * size, "{r} {c}: {} {}", found[(r, c)], expected[(r, c)]);
+                // The first factor is damped by 1e-11 of its diagonal, 1e9 for rotations, beside an information of 6e3 here.
+                assert!((found[(r, c)] - expected[(r, c)]).abs() < 2e-5 * size, "{r} {c}: {} {}", found[(r, c)], expected[(r, c)]);
             }
         }
     }

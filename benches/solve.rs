@@ -12,6 +12,7 @@ use libella_core::factor::reprojection::CameraMount;
 use libella_core::imu::{ImuBias, ImuNoise, ImuSample, NavState, Preintegration};
 use libella_core::real::Real;
 use libella_core::robust::kernel::Kernel;
+use libella_core::solve::normal::{NormalEquations, Parts};
 use libella_core::solve::{Settings, Workspace, add_initial, assemble, chain, cholesky, cost, marginalize_oldest, optimize};
 use libella_core::storage::blocks::{Block, pairs, place, zero_block};
 use libella_core::time::Timestamp;
@@ -178,9 +179,11 @@ fn measure<T: Real>(criterion: &mut Criterion, scalar: &str) {
         );
     });
     world.marginalize();
-    let (frames, mut hessian, mut gradient) = (world.prior.frames, vec![zero_block(); PAIRS], [[T::ZERO; 15]; FRAMES]);
+    let (frames, mut gradient) = (world.prior.frames, [[T::ZERO; 15]; FRAMES]);
+    let World { window, prior, workspace, .. } = &mut world;
+    let normal = workspace.normal.parts();
     group.bench_function(format!("prior on {frames} frames"), |b| {
-        b.iter(|| world.prior.add_to(&world.window.frames, &mut hessian, black_box(&mut gradient)))
+        b.iter(|| prior.add_to(&window.frames, normal.poses, normal.couplings, &mut normal.own[0], black_box(&mut gradient)))
     });
     group.finish();
 }
@@ -200,7 +203,7 @@ fn factorize<T: Real>(criterion: &mut Criterion, scalar: &str) {
             block[k][k] = T::of(100.0);
         }
     }
-    let (mut work, mut poses) = (matrix.clone(), vec![zero_block::<T, 6>(); pairs(N)]);
+    let mut work = matrix.clone();
     group.bench_function("copy", |b| b.iter(|| black_box(&mut work).copy_from_slice(black_box(&matrix))));
     group.bench_function("dense Cholesky", |b| {
         b.iter(|| {
@@ -208,13 +211,30 @@ fn factorize<T: Real>(criterion: &mut Criterion, scalar: &str) {
             cholesky::factorize(&mut work, N)
         });
     });
+    let mut normal = NormalEquations::<T, FRAMES, PAIRS>::default();
     group.bench_function("velocities and biases along their chain", |b| {
         b.iter(|| {
-            work.copy_from_slice(black_box(&matrix));
-            chain::factorize(&mut work, &mut poses, N)
+            let mut parts = normal.parts();
+            fill(&mut parts, black_box(&matrix), N);
+            chain::factorize(&mut parts, N)
         });
     });
     group.finish();
+}
+
+/// The blocks of a dense triangle that are not zero.
+fn fill<T: Real>(parts: &mut Parts<'_, T>, dense: &[Block<T, 15>], frames: usize) {
+    for (i, j) in (0..frames).flat_map(|i| (0..=i).map(move |j| (i, j))) {
+        let block = &dense[place(i, j)];
+        parts.poses[place(i, j)] = core::array::from_fn(|r| core::array::from_fn(|c| block[r][c]));
+        parts.couplings[place(i, j)] = core::array::from_fn(|r| core::array::from_fn(|c| block[c][6 + r]));
+        if i == j {
+            parts.own[i] = core::array::from_fn(|r| core::array::from_fn(|c| block[6 + r][6 + c]));
+        } else if i == j + 1 {
+            parts.before[i] = core::array::from_fn(|r| core::array::from_fn(|c| block[6 + r][6 + c]));
+            parts.pose_before[i] = core::array::from_fn(|r| core::array::from_fn(|c| block[6 + r][c]));
+        }
+    }
 }
 
 fn both(criterion: &mut Criterion) {

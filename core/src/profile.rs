@@ -5,9 +5,9 @@
 //!
 //! | profile | scalar | frames | points | samples | image | budget |
 //! |---|---|---|---|---|---|---|
-//! | [`Desktop`] | `f64` or `f32` | 16 | 640 | 4096 | 752×480 | 8 MiB |
-//! | [`Mobile`] | `f32` | 8 | 150 | 512 | 640×480 | 512 KiB |
-//! | [`Micro`] | `f32` | 6 | 64 | 64 | 160×120 | 128 KiB with [`MicroPyramids`] |
+//! | [`Desktop`] | `f64` or `f32` | 16 | 640 | 4096 | 752×480 | 2 MiB |
+//! | [`Mobile`] | `f32` | 8 | 150 | 512 | 640×480 | 128 KiB |
+//! | [`Micro`] | `f32` | 6 | 56 | 128 | 160×120 | 96 KiB with [`MicroPyramids`] |
 
 use crate::estimator::Estimator;
 use crate::image::{PyramidPair, pyramid_bytes};
@@ -18,13 +18,13 @@ pub type Desktop<T> = Estimator<T, 16, 136, 640, 4096>;
 /// Telephone or single-board computer: 640×480 in single precision.
 pub type Mobile = Estimator<f32, 8, 36, 150, 512>;
 
-/// Microcontroller: 160×120 in single precision.
-pub type Micro = Estimator<f32, 6, 21, 64, 64>;
+/// Microcontroller: 160×120 in single precision. Half a second of inertial samples at 200 Hz has to fit, or rest is never found.
+pub type Micro = Estimator<f32, 6, 21, 56, 128>;
 
-/// Three pyramid levels of two images for [`Micro`].
-pub type MicroPyramids = PyramidPair<{ pyramid_bytes(160, 120, 3) }>;
+/// Two pyramid levels of two images for [`Micro`]: at this size a patch of the second level sees a fifth of the width.
+pub type MicroPyramids = PyramidPair<{ pyramid_bytes(160, 120, 2) }>;
 
 const KIB: usize = 1024;
-const _: () = assert!(size_of::<Desktop<f64>>() <= 8 * 1024 * KIB);
-const _: () = assert!(size_of::<Mobile>() <= 512 * KIB);
-const _: () = assert!(size_of::<Micro>() + size_of::<MicroPyramids>() <= 128 * KIB);
+const _: () = assert!(size_of::<Desktop<f64>>() <= 2048 * KIB);
+const _: () = assert!(size_of::<Mobile>() <= 128 * KIB);
+const _: () = assert!(size_of::<Micro>() + size_of::<MicroPyramids>() <= 96 * KIB);

@@ -68,7 +68,7 @@ impl<T: Real> Default for EstimatorConfig<T> {
             imu_noise_inflation: T::of(4.0),
             imu_walk_inflation: T::of(4.0),
             gravity_m_s2: T::of(9.81),
-            sigma_px: T::of(0.35),
+            sigma_px: T::of(0.4),
             huber: T::of(2.0),
             outlier_chi2: T::of(9.21),
             keyframe_parallax_px: T::of(20.0),

@@ -1,12 +1,12 @@
 //! Inertial samples waiting for their image, and those of the window, for integrating anew.
 
-use heapless::Deque;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::InputError;
 use crate::imu::{ImuBias, ImuNoise, ImuSample, Preintegration};
 use crate::lie::so3;
 use crate::real::Real;
+use crate::storage::ring::Ring;
 use crate::time::{Span, Timestamp};
 
 /// Longest time between two samples that still counts as continuous.
@@ -15,12 +15,13 @@ const LONGEST_INTERVAL: Span = Span::from_millis(40);
 /// The newest `SAMPLES` samples, oldest first.
 #[derive(Debug)]
 pub struct InertialHistory<T: Real, const SAMPLES: usize> {
-    samples: Deque<ImuSample<T>, SAMPLES>,
+    samples: Ring<ImuSample<T>, SAMPLES>,
 }
 
 impl<T: Real, const SAMPLES: usize> Default for InertialHistory<T, SAMPLES> {
     fn default() -> Self {
-        Self { samples: Deque::new() }
+        let nothing = ImuSample { stamp: Timestamp::from_nanos(0), gyro_rad_s: Vector3::zeros(), accel_m_s2: Vector3::zeros() };
+        Self { samples: Ring::filled_with(nothing) }
     }
 }
 
@@ -30,14 +31,14 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
         if !sample.is_finite() {
             return Err(InputError::NotFinite(sample.stamp));
         }
-        if let Some(last) = self.samples.back() {
-            if sample.stamp <= last.stamp {
-                return Err(InputError::Stale(last.stamp - sample.stamp));
-            }
+        if let Some(last) = self.samples.last()
+            && sample.stamp <= last.stamp
+        {
+            return Err(InputError::Stale(last.stamp - sample.stamp));
         }
         if self.samples.is_full() {
             // The second-oldest has to cover the start of what is still to be integrated.
-            let second = self.samples.iter().nth(1).map(|sample| sample.stamp);
+            let second = self.samples.get(1).map(|sample| sample.stamp);
             let free = match (second, integrated_until) {
                 (Some(second), Some(until)) => second <= until,
                 _ => true,
@@ -45,15 +46,15 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
             if !free {
                 return Err(InputError::Full);
             }
-            self.samples.pop_front();
+            self.samples.pop();
         }
-        self.samples.push_back(sample).map_err(|_| InputError::Full)
+        self.samples.push(sample).map_err(|_| InputError::Full)
     }
 
     /// Whether samples reach from `from` to `to`.
     #[must_use]
     pub fn covers(&self, from: Timestamp, to: Timestamp) -> bool {
-        match (self.samples.front(), self.samples.back()) {
+        match (self.samples.first(), self.samples.last()) {
             (Some(first), Some(last)) => first.stamp <= from && last.stamp >= to,
             _ => false,
         }

@@ -85,10 +85,10 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
 
     /// Appends an empty frame whose state is predicted from the one before.
     fn open_frame(&mut self, stamp: Timestamp) -> Result<(), InputError> {
-        if let Some(last) = self.window.frames.last() {
-            if stamp <= last.stamp {
-                return Err(InputError::Stale(last.stamp - stamp));
-            }
+        if let Some(last) = self.window.frames.last()
+            && stamp <= last.stamp
+        {
+            return Err(InputError::Stale(last.stamp - stamp));
         }
         let from = self.window.frames.last().map_or(stamp, |last| last.stamp);
         if !self.inertial.covers(from, stamp) {

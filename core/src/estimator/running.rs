@@ -122,7 +122,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
 
     /// Whether the cost per observation is above `most`; about 0.75 where noise alone is left.
     pub(super) fn is_cost_above(&self, most: T) -> bool {
-        let residuals: usize = self.window.landmarks.iter().filter(|landmark| landmark.active).map(|landmark| landmark.observations() - 1).sum();
+        let residuals: usize =
+            self.window.landmarks.iter().filter(|landmark| landmark.active).map(|landmark| landmark.observations() - 1).sum();
         #[allow(clippy::cast_precision_loss)]
         let expected = T::of((residuals + 20) as f64);
         self.report.solver.final_cost > expected * most
@@ -152,7 +153,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             force += sample.accel_m_s2 - bias.accel_m_s2;
             count += T::one();
         }
-        if !(count > T::ZERO) {
+        if count == T::ZERO {
             return;
         }
         // Means over the interval: running motors shake a body that rests.

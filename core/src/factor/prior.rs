@@ -15,18 +15,16 @@
 
 use crate::imu::NavState;
 use crate::real::Real;
-use crate::storage::blocks::{Block, add_transposed_product, pairs, place, zero_block};
+use crate::storage::blocks::{Block, add_transposed_product, columns, pairs, place, zero_block};
 use crate::window::Frame;
 
-/// A square-root prior on the first `frames` frames of the window.
-#[derive(Debug)]
+/// A square-root prior on the first `frames` frames of the window, at most `FRAMES − 2`.
+#[derive(Debug, Clone)]
 pub struct Prior<T: Real, const FRAMES: usize, const PAIRS: usize> {
     /// `H`, upper triangular.
     pub head: Block<T, 15>,
-    /// `C_j` at `j`; the first is unused.
-    pub coupling: [[[T; 6]; 15]; FRAMES],
-    /// `P_ij`, `1 ≤ i ≤ j`, at `place(j, i)`.
-    pub poses: [Block<T, 6>; PAIRS],
+    /// Columns one after the other, see [`Self::column`].
+    columns: [Block<T, 6>; PAIRS],
     /// `d` of the oldest frame.
     pub right_head: [T; 15],
     /// `d` of the poses.
@@ -42,8 +40,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for Prior<T, FRAM
         const { assert!(PAIRS == pairs(FRAMES), "PAIRS must be FRAMES (FRAMES + 1) / 2") };
         Self {
             head: zero_block(),
-            coupling: [[[T::ZERO; 6]; 15]; FRAMES],
-            poses: [zero_block(); PAIRS],
+            columns: [zero_block(); PAIRS],
             right_head: [T::ZERO; 15],
             right: [[T::ZERO; 6]; FRAMES],
             frames: 0,
@@ -65,6 +62,19 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Prior<T, FRAMES, PAIRS> {
         self.origin = None;
     }
 
+    /// What `R` says of the pose of frame `j ≥ 1`: `C_j`, and `P_1j … P_jj`.
+    #[must_use]
+    pub fn column(&self, j: usize) -> (&[[T; 6]; 15], &[Block<T, 6>]) {
+        let (coupling, poses) = self.columns.as_flattened()[rows_of(j)].split_at(15);
+        (&coupling.as_chunks().0[0], poses.as_chunks().0)
+    }
+
+    /// The same, to be written.
+    pub fn column_mut(&mut self, j: usize) -> (&mut [[T; 6]; 15], &mut [Block<T, 6>]) {
+        let (coupling, poses) = self.columns.as_flattened_mut()[rows_of(j)].split_at_mut(15);
+        (&mut coupling.as_chunks_mut().0[0], poses.as_chunks_mut().0)
+    }
+
     /// Moves the very first prior from its origin to the first estimate of its frame, by its own linear model.
     pub fn settle(&mut self, frames: &[Frame<T>]) {
         if let (Some(_), Some(frame)) = (self.origin, frames.first()) {
@@ -80,24 +90,38 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Prior<T, FRAMES, PAIRS> {
         self.residual(frames).squared()
     }
 
-    /// Adds `RᵀR` to the lower block triangle `hessian` and `Rᵀ (R δ + d)` to `gradient`; returns `‖R δ + d‖²`.
-    pub fn add_to(&self, frames: &[Frame<T>], hessian: &mut [Block<T, 15>], gradient: &mut [[T; 15]]) -> T {
+    /// Adds `RᵀR` and `Rᵀ (R δ + d)` to the normal equations; returns `‖R δ + d‖²`. Of the pose `p` and the rest `u` of a frame,
+    /// `poses` holds `H(p_i, p_j)` and `couplings` `H(u_j, p_i)`, `j ≤ i`, at `place(i, j)`; `rest_of_first` is `H(u_0, u_0)`.
+    pub fn add_to(
+        &self,
+        frames: &[Frame<T>],
+        poses: &mut [Block<T, 6>],
+        couplings: &mut [[[T; 6]; 9]],
+        rest_of_first: &mut Block<T, 9>,
+        gradient: &mut [[T; 15]],
+    ) -> T {
         if self.frames == 0 {
             return T::ZERO;
         }
         let residual = self.residual(frames);
-        add_transposed_product(&mut hessian[0], &self.head, &self.head);
+        let (pose, rest): ([[T; 6]; 15], [[T; 9]; 15]) = (columns(&self.head, 0), columns(&self.head, 6));
+        add_transposed_product(&mut poses[0], &pose, &pose);
+        add_transposed_product(&mut couplings[0], &rest, &pose);
+        add_transposed_product(rest_of_first, &rest, &rest);
         add_transposed_times(&mut gradient[0], &self.head, &residual.head);
         for i in 1..self.frames {
-            add_transposed_product(&mut hessian[place(i, 0)], &self.coupling[i], &self.head);
-            add_transposed_times(&mut gradient[i], &self.coupling[i], &residual.head);
-            for j in 1..=i {
-                let target = &mut hessian[place(i, j)];
-                add_transposed_product(target, &self.coupling[i], &self.coupling[j]);
-                for k in 1..=j {
-                    add_transposed_product(target, &self.poses[place(i, k)], &self.poses[place(j, k)]);
+            let (coupling, own) = self.column(i);
+            add_transposed_product(&mut poses[place(i, 0)], coupling, &pose);
+            add_transposed_product(&mut couplings[place(i, 0)], &rest, coupling);
+            add_transposed_times(&mut gradient[i], coupling, &residual.head);
+            for (j, block) in (1..).zip(own) {
+                let target = &mut poses[place(i, j)];
+                let (other_coupling, other) = self.column(j);
+                add_transposed_product(target, coupling, other_coupling);
+                for (a, b) in own.iter().zip(other) {
+                    add_transposed_product(target, a, b);
                 }
-                add_transposed_times(&mut gradient[i], &self.poses[place(i, j)], &residual.poses[j]);
+                add_transposed_times(&mut gradient[i], block, &residual.poses[j]);
             }
         }
         residual.squared()
@@ -112,9 +136,10 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Prior<T, FRAMES, PAIRS> {
                 add_times(&mut out.head, &self.head, &delta);
                 continue;
             }
-            add_times(&mut out.head, &self.coupling[j], &delta);
-            for i in 1..=j {
-                add_times(&mut out.poses[i], &self.poses[place(j, i)], &delta);
+            let (coupling, poses) = self.column(j);
+            add_times(&mut out.head, coupling, &delta);
+            for (out, block) in out.poses.iter_mut().skip(1).zip(poses) {
+                add_times(out, block, &delta);
             }
         }
         out.poses[self.frames.max(1)..].fill([T::ZERO; 6]);
@@ -130,6 +155,12 @@ impl<T: Real, const FRAMES: usize> Residual<T, FRAMES> {
     fn squared(&self) -> T {
         self.head.iter().chain(self.poses.as_flattened()).fold(T::ZERO, |sum, value| sum + *value * *value)
     }
+}
+
+/// Rows of six that the column of frame `j` takes, after `15 + 6k` for each `k` before it.
+fn rows_of(j: usize) -> core::ops::Range<usize> {
+    let start = (j - 1) * (15 + 3 * j);
+    start..start + 15 + 6 * j
 }
 
 /// `y += A x`, by as much of `x` as `A` has columns.

@@ -152,7 +152,10 @@ fn choose<T: Real, B: Bearings<T>>(bearings: &B, frames: usize, landmarks: &mut 
         let mut good =
             (0..frames).filter(|&frame| !mask.is_rejected(frame)).filter_map(|frame| Some((frame, bearings.bearing(index, frame)?)));
         if let Some((anchor, bearing)) = good.next() {
-            landmark.anchor = anchor;
+            #[allow(clippy::cast_possible_truncation)] // below MAX_INIT_FRAMES
+            {
+                landmark.anchor = anchor as u8;
+            }
             landmark.bearing_in_anchor = bearing;
             landmark.is_used = good.count() >= 2;
         }
@@ -163,7 +166,7 @@ fn choose<T: Real, B: Bearings<T>>(bearings: &B, frames: usize, landmarks: &mut 
 fn parallax<T: Real, B: Bearings<T>>(views: &Views<T>, bearings: &B, landmarks: &[InitLandmark<T>]) -> T {
     let mut angles = Histogram::new();
     for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
-        let Some(anchor) = views.as_slice().get(landmark.anchor) else { continue };
+        let Some(anchor) = views.as_slice().get(usize::from(landmark.anchor)) else { continue };
         let reference = anchor.first_from_camera * landmark.bearing_in_anchor;
         let farthest =
             views.as_slice().iter().enumerate().filter(|(frame, _)| !landmark.is_rejected(*frame)).fold(T::ZERO, |most, (frame, view)| {
@@ -237,7 +240,7 @@ fn weight<T: Real>(
     direction: &Vector3<T>,
 ) -> T {
     let sigma = config.sigma_rad();
-    let found = centres.and_then(|centres| Some((centres.as_slice().get(landmark.anchor)?, centres.as_slice().get(frame)?)));
+    let found = centres.and_then(|centres| Some((centres.as_slice().get(usize::from(landmark.anchor))?, centres.as_slice().get(frame)?)));
     let Some((anchor, view)) = found else { return T::one() / (sigma * sigma) };
     let distance = T::one() / landmark.inverse_distance_per_m.max(T::of(0.01));
     let offset = anchor.first_from_camera * landmark.bearing_in_anchor * distance + anchor.centre - view.centre;
@@ -313,7 +316,7 @@ fn solve_reduced<T: Real>(reduced: &Reduced<T>, bias: &ImuBias<T>, gravity_m_s2:
 
 /// The nearest point to all rays, as direction and inverse distance from the anchor.
 fn triangulate<T: Real, B: Bearings<T>>(problem: &Problem<'_, T, B>, centres: &Views<T>, index: usize, landmark: &mut InitLandmark<T>) {
-    let Some(anchor) = centres.as_slice().get(landmark.anchor) else { return };
+    let Some(anchor) = centres.as_slice().get(usize::from(landmark.anchor)) else { return };
     let (mut own, mut right) = (Matrix3::zeros(), Vector3::zeros());
     let rays = |view: &View<T>, frame: usize| Some(view.first_from_camera * problem.bearings.bearing(index, frame)?);
     for (frame, view) in centres.as_slice().iter().enumerate().filter(|(frame, _)| !landmark.is_rejected(*frame)) {
@@ -330,7 +333,7 @@ fn triangulate<T: Real, B: Bearings<T>>(problem: &Problem<'_, T, B>, centres: &V
     }
     let Some(offset) = own.try_inverse().map(|inverse| anchor.first_from_camera.tr_mul(&(inverse * right))) else { return };
     let distance = offset.norm();
-    let Some(bearing) = problem.bearings.bearing(index, landmark.anchor) else { return };
+    let Some(bearing) = problem.bearings.bearing(index, usize::from(landmark.anchor)) else { return };
     let in_front = distance.is_usable() && distance > T::of(0.05) && offset.dot(&bearing) > distance * T::of(0.9);
     (landmark.bearing_in_anchor, landmark.inverse_distance_per_m) =
         if in_front { (offset / distance, T::one() / distance) } else { (bearing, T::of(0.02)) };

@@ -229,7 +229,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         let variance = self.config.sigma_rad() * self.config.sigma_rad();
         let knee = width * width * T::of(4.0);
         for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
-            let Some(anchor) = views.as_slice().get(landmark.anchor) else { continue };
+            let Some(anchor) = views.as_slice().get(usize::from(landmark.anchor)) else { continue };
             for (frame, view) in views.as_slice().iter().enumerate() {
                 let Some(f) = self.observation(landmark, index, frame) else { continue };
                 let whitened = residual(anchor, view, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
@@ -256,10 +256,10 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
     ) -> LandmarkEquations<T> {
         let mut equations = LandmarkEquations { own: Matrix3::zeros(), own_gradient: Vector3::zeros(), cross: SMatrix::zeros() };
         let variance = self.config.sigma_rad() * self.config.sigma_rad();
-        let Some(anchor) = views.get(landmark.anchor) else { return equations };
+        let Some(anchor) = views.get(usize::from(landmark.anchor)) else { return equations };
         for (frame, view) in views.iter().enumerate() {
             let Some(f) = self.observation(landmark, index, frame) else { continue };
-            let is_anchor = frame == landmark.anchor;
+            let is_anchor = frame == usize::from(landmark.anchor);
             let Some(linear) = linearize(anchor, view, is_anchor, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f) else {
                 continue;
             };
@@ -391,7 +391,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         let (mut residuals, mut inliers, mut total, mut seen) = (Histogram::new(), 0_u32, 0_u32, 0_u32);
         let limit = self.config.sigma_rad() * T::of(3.5);
         for (index, landmark) in landmarks.iter_mut().enumerate().filter(|(_, landmark)| landmark.is_used) {
-            let Some(anchor) = views.get(landmark.anchor) else { continue };
+            let Some(anchor) = views.get(usize::from(landmark.anchor)) else { continue };
             let mut good = 0;
             for (frame, view) in views.iter().enumerate() {
                 seen += u32::from(self.bearings.bearing(index, frame).is_some());

@@ -115,7 +115,7 @@ fn exact_bearings_give_the_exact_motion() {
         let [scale, tilt, gyro, velocity, _] = errors(&world, &states, &result.unwrap());
         assert!(scale < 1e-3 && tilt < 1e-3 && gyro < 1e-4 && velocity < 2e-3, "{seed}: {scale} {tilt} {gyro} {velocity}");
         for (landmark, row) in landmarks.iter().zip(&world.distances).filter(|(landmark, _)| landmark.is_used) {
-            let error = landmark.inverse_distance_per_m * row[landmark.anchor] - 1.0;
+            let error = landmark.inverse_distance_per_m * row[usize::from(landmark.anchor)] - 1.0;
             assert!(error.abs() < 0.02, "{seed}: relative inverse distance {error}");
         }
     }

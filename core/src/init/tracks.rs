@@ -30,7 +30,7 @@ impl<T: Real, F: Fn(usize, usize) -> Option<Vector3<T>>> Bearings<T> for (usize,
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InitLandmark<T: Real> {
     /// Frame that the landmark is expressed in.
-    pub anchor: usize,
+    pub anchor: u8,
     /// Whether the landmark took part and its point may be used.
     pub is_used: bool,
     /// Estimated unit vector towards it in the camera of the anchor.

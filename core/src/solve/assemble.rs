@@ -10,12 +10,13 @@
 //! `w` is the robust weight. The elimination of one landmark touches only the frames that see it.
 //!
 //! All that concerns images is summed over motions of the cameras, six columns a frame, and moved to the bodies at the end:
-//! with `B = ∂[θ ρ]/∂[δφ δp]`, block `(i, j)` of `H` gains `B_iᵀ V_ij B_j`.
+//! with `B = ∂[θ ρ]/∂[δφ δp]`, block `(i, j)` of `H` is `B_iᵀ V_ij B_j`.
 
-use super::workspace::{PairSum, Settings, Workspace};
+use super::normal::{Coupling, Parts};
+use super::workspace::{Geometry, Settings, Workspace};
 use crate::factor::{imu, prior::Prior, reprojection};
 use crate::real::Real;
-use crate::storage::blocks::{Block, add_transposed_product, place, transpose, zero_block};
+use crate::storage::blocks::{Block, add_transposed_product, columns, place, transpose, zero_block};
 use crate::window::{Landmark, Window};
 
 /// Robust cost `½ Σ ρ` at the current states. Needs up-to-date geometry in the workspace.
@@ -57,20 +58,26 @@ pub fn assemble<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
     damping: T,
 ) -> T {
     let frames = window.frames.len();
-    workspace.clear(frames);
-    let mut total = prior.add_to(&window.frames, &mut workspace.hessian, &mut workspace.gradient);
+    let Workspace { normal, geometry, gradient, visual_gradient, .. } = workspace;
+    let mut normal = normal.parts();
+    normal.clear(frames);
+    gradient[..frames].fill([T::ZERO; 15]);
+    visual_gradient[..frames].fill([T::ZERO; 6]);
+    let mut total = T::ZERO;
     for landmark in window.landmarks.iter().filter(|landmark| landmark.active) {
-        total += add_landmark(landmark, workspace, settings, damping);
+        total += add_landmark(landmark, &mut normal, visual_gradient, geometry, settings, damping);
     }
-    add_pairs(workspace, frames);
-    move_to_bodies(workspace, frames, settings);
+    add_pairs(&mut normal, visual_gradient, geometry, frames);
+    normal.clear_couplings(frames);
+    move_to_bodies(&mut normal, visual_gradient, gradient, geometry, frames, settings);
+    total += prior.add_to(&window.frames, normal.poses, normal.couplings, &mut normal.own[0], gradient);
     for i in 1..frames {
         total += add_inertial(window, workspace, settings, i);
     }
     let rest = T::one() / (settings.rest_sigma_m_s * settings.rest_sigma_m_s);
     for (i, frame) in window.frames.iter().enumerate().filter(|(_, frame)| frame.at_rest) {
         for (axis, velocity) in frame.state.velocity_in_world.iter().enumerate() {
-            workspace.hessian[place(i, i)][6 + axis][6 + axis] += rest;
+            workspace.normal.parts().own[i][axis][axis] += rest;
             workspace.gradient[i][6 + axis] += rest * *velocity;
             total += rest * *velocity * *velocity;
         }
@@ -132,7 +139,9 @@ fn dot<T: Real>(a: &[T; 6], b: &[T]) -> T {
 /// Adds one landmark to the sums of its pairs and subtracts its Schur complement. Returns twice its cost.
 fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
     landmark: &Landmark<T, FRAMES>,
-    workspace: &mut Workspace<T, FRAMES, PAIRS>,
+    normal: &mut Parts<'_, T>,
+    visual_gradient: &mut [[T; 6]; FRAMES],
+    geometry: &Geometry<T, FRAMES, PAIRS>,
     settings: &Settings<T>,
     damping: T,
 ) -> T {
@@ -145,7 +154,7 @@ fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
     let mut anchor_coupling = [T::ZERO; 6];
     let mut count = 1;
     for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor) {
-        let Some(linear) = workspace.geometry.linearize(anchor, frame, &direction, landmark.inverse_depth, point) else {
+        let Some(linear) = geometry.linearize(anchor, frame, &direction, landmark.inverse_depth, point) else {
             total += huber.rho(settings.behind_camera_cost);
             continue;
         };
@@ -158,8 +167,8 @@ fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
         curvature += weight * (dl[0] * dl[0] + dl[1] * dl[1]);
         slope += weight * (dl[0] * r[0] + dl[1] * r[1]);
         let coupling = core::array::from_fn(|i| weighted[0][i] * dl[0] + weighted[1][i] * dl[1]);
-        add_observation(&mut workspace.pair_sums[place(frame, anchor)], e, &weighted, r);
-        let carried = workspace.geometry.first_pairs[place(frame, anchor)].carry_to_anchor(&coupling);
+        add_observation(&mut normal.couplings[place(frame, anchor)], e, &weighted, r);
+        let carried = geometry.first_pairs[place(frame, anchor)].carry_to_anchor(&coupling);
         for (out, value) in anchor_coupling.iter_mut().zip(&carried) {
             *out -= *value;
         }
@@ -175,26 +184,26 @@ fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
     let inverse = T::one() / damped(curvature, damping);
     for (row, (frame, coupling)) in couplings[..count].iter().enumerate() {
         let scaled = coupling.map(|value| value * inverse);
-        for (value, out) in scaled.iter().zip(&mut workspace.visual_gradient[*frame]) {
+        for (value, out) in scaled.iter().zip(&mut visual_gradient[*frame]) {
             *out -= *value * slope;
         }
         for (other_frame, other) in &couplings[..=row] {
-            subtract_outer(&mut workspace.visual[place(*frame, *other_frame)], &scaled, other);
+            subtract_outer(&mut normal.poses[place(*frame, *other_frame)], &scaled, other);
         }
     }
     total
 }
 
-/// `G += w eᵀ e`, `g += w eᵀ r`.
+/// `G += w eᵀ e`, `g += w eᵀ r` of a pair of frames: `G` in the first six rows, `g` in the next.
 // Out of line, as the kernels of `storage::blocks` are.
 #[inline(never)]
-fn add_observation<T: Real>(sum: &mut PairSum<T>, e: &[[T; 6]; 2], weighted: &[[T; 6]; 2], r: &[T; 2]) {
+fn add_observation<T: Real>(sum: &mut Coupling<T>, e: &[[T; 6]; 2], weighted: &[[T; 6]; 2], r: &[T; 2]) {
     for i in 0..6 {
         let (first, second) = (weighted[0][i], weighted[1][i]);
         for j in 0..6 {
-            sum.information[i][j] += first * e[0][j] + second * e[1][j];
+            sum[i][j] += first * e[0][j] + second * e[1][j];
         }
-        sum.gradient[i] += first * r[0] + second * r[1];
+        sum[6][i] += first * r[0] + second * r[1];
     }
 }
 
@@ -209,21 +218,26 @@ fn subtract_outer<T: Real>(block: &mut Block<T, 6>, a: &[T; 6], b: &[T; 6]) {
 }
 
 /// Spreads the sums of the pairs over target and anchor: as `e_a = −M e`, they become `−G Mᵀ` and `M G Mᵀ`.
-fn add_pairs<T: Real, const FRAMES: usize, const PAIRS: usize>(workspace: &mut Workspace<T, FRAMES, PAIRS>, frames: usize) {
+fn add_pairs<T: Real, const FRAMES: usize, const PAIRS: usize>(
+    normal: &mut Parts<'_, T>,
+    visual_gradient: &mut [[T; 6]; FRAMES],
+    geometry: &Geometry<T, FRAMES, PAIRS>,
+    frames: usize,
+) {
     for target in 1..frames {
         for anchor in 0..target {
-            let pair = &workspace.geometry.first_pairs[place(target, anchor)];
-            let sum = &workspace.pair_sums[place(target, anchor)];
-            add_block(&mut workspace.visual[place(target, target)], &sum.information, T::one());
-            let cross = sum.information.map(|row| pair.carry_to_anchor(&row));
-            add_block(&mut workspace.visual[place(target, anchor)], &cross, -T::one());
+            let pair = &geometry.first_pairs[place(target, anchor)];
+            let [information @ .., gradient, _, _] = normal.couplings[place(target, anchor)];
+            add_block(&mut normal.poses[place(target, target)], &information, T::one());
+            let cross = information.map(|row| pair.carry_to_anchor(&row));
+            add_block(&mut normal.poses[place(target, anchor)], &cross, -T::one());
             // Symmetric, so its rows may stand for its columns.
             let own = transpose(&cross).map(|row| pair.carry_to_anchor(&row));
-            add_block(&mut workspace.visual[place(anchor, anchor)], &own, T::one());
-            let carried = pair.carry_to_anchor(&sum.gradient);
+            add_block(&mut normal.poses[place(anchor, anchor)], &own, T::one());
+            let carried = pair.carry_to_anchor(&gradient);
             for i in 0..6 {
-                workspace.visual_gradient[target][i] += sum.gradient[i];
-                workspace.visual_gradient[anchor][i] -= carried[i];
+                visual_gradient[target][i] += gradient[i];
+                visual_gradient[anchor][i] -= carried[i];
             }
         }
     }
@@ -235,25 +249,30 @@ fn add_block<T: Real>(out: &mut Block<T, 6>, value: &Block<T, 6>, scale: T) {
     }
 }
 
-/// `H += Bᵀ V B`, `b += Bᵀ v`: from motions of the cameras to motions of the bodies.
+/// `V ← Bᵀ V B`, `b += Bᵀ v`: from motions of the cameras to motions of the bodies.
 fn move_to_bodies<T: Real, const FRAMES: usize, const PAIRS: usize>(
-    workspace: &mut Workspace<T, FRAMES, PAIRS>,
+    normal: &mut Parts<'_, T>,
+    visual_gradient: &[[T; 6]; FRAMES],
+    gradient: &mut [[T; 15]; FRAMES],
+    geometry: &Geometry<T, FRAMES, PAIRS>,
     frames: usize,
     settings: &Settings<T>,
 ) {
     let mut by_body = [zero_block::<T, 6>(); FRAMES];
-    for (out, camera) in by_body.iter_mut().zip(&workspace.geometry.first_camera_poses).take(frames) {
+    for (out, camera) in by_body.iter_mut().zip(&geometry.first_camera_poses).take(frames) {
         *out = settings.mount.d_camera_d_body(camera);
     }
     for i in 0..frames {
         for j in 0..=i {
+            let block = &mut normal.poses[place(i, j)];
             // (Vᵀ B_i)ᵀ = B_iᵀ V
             let mut half = zero_block::<T, 6>();
-            add_transposed_product(&mut half, &workspace.visual[place(i, j)], &by_body[i]);
-            add_transposed_product(&mut workspace.hessian[place(i, j)], &half, &by_body[j]);
+            add_transposed_product(&mut half, block, &by_body[i]);
+            *block = zero_block();
+            add_transposed_product(block, &half, &by_body[j]);
         }
-        for (row, value) in by_body[i].iter().zip(&workspace.visual_gradient[i]) {
-            for (out, entry) in workspace.gradient[i].iter_mut().zip(row) {
+        for (row, value) in by_body[i].iter().zip(&visual_gradient[i]) {
+            for (out, entry) in gradient[i].iter_mut().zip(row) {
                 *out += *entry * *value;
             }
         }
@@ -279,9 +298,20 @@ fn add_inertial<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
         after.linearization_point(),
     );
     let (from_rows, to_rows) = (block_of(&linear.d_residual_d_from), block_of(&linear.d_residual_d_to));
-    add_transposed_product(&mut workspace.hessian[place(to - 1, to - 1)], &from_rows, &from_rows);
-    add_transposed_product(&mut workspace.hessian[place(to, to - 1)], &to_rows, &from_rows);
-    add_transposed_product(&mut workspace.hessian[place(to, to)], &to_rows, &to_rows);
+    let (from_pose, from_rest): ([[T; 6]; 15], [[T; 9]; 15]) = (columns(&from_rows, 0), columns(&from_rows, 6));
+    let (to_pose, to_rest): ([[T; 6]; 15], [[T; 9]; 15]) = (columns(&to_rows, 0), columns(&to_rows, 6));
+    let normal = workspace.normal.parts();
+    let (first, cross, second) = (place(to - 1, to - 1), place(to, to - 1), place(to, to));
+    add_transposed_product(&mut normal.poses[first], &from_pose, &from_pose);
+    add_transposed_product(&mut normal.poses[cross], &to_pose, &from_pose);
+    add_transposed_product(&mut normal.poses[second], &to_pose, &to_pose);
+    add_transposed_product(&mut normal.couplings[first], &from_rest, &from_pose);
+    add_transposed_product(&mut normal.couplings[cross], &from_rest, &to_pose);
+    add_transposed_product(&mut normal.couplings[second], &to_rest, &to_pose);
+    add_transposed_product(&mut normal.pose_before[to], &to_rest, &from_pose);
+    add_transposed_product(&mut normal.own[to - 1], &from_rest, &from_rest);
+    add_transposed_product(&mut normal.before[to], &to_rest, &from_rest);
+    add_transposed_product(&mut normal.own[to], &to_rest, &to_rest);
     for (k, residual) in linear.residual.iter().enumerate() {
         for c in 0..15 {
             workspace.gradient[to - 1][c] += from_rows[k][c] * *residual;

@@ -13,98 +13,80 @@
 //! For 11 frames this takes 0.17 million multiply-adds where the dense factorisation takes 0.75 million.
 
 use super::cholesky::{self, NotPositiveDefinite};
+use super::normal::{POSE, Parts, REST};
 use crate::real::Real;
 use crate::storage::blocks::{Block, place};
 
-/// A frame's scalars: its pose, then velocity and biases.
-const POSE: usize = 6;
-const REST: usize = 9;
-
-/// Replaces the parts of `hessian` (`frames` block rows, lower triangle) that concern velocities and biases by `L` and `Y`, and
-/// fills `poses` with the Cholesky factor of what is left.
+/// Replaces what concerns velocities and biases by `L` and `Y`, and the poses by the Cholesky factor of what is left.
 ///
 /// # Errors
-/// When a pivot is not positive; `hessian` is then partly overwritten.
-pub fn factorize<T: Real>(hessian: &mut [Block<T, 15>], poses: &mut [Block<T, POSE>], frames: usize) -> Result<(), NotPositiveDefinite> {
-    for (from, to) in hessian.iter().zip(&mut *poses).take(place(frames, 0)) {
-        *to = corner(from, 0, 0);
-    }
+/// When a pivot is not positive; the equations are then partly overwritten.
+pub fn factorize<T: Real>(normal: &mut Parts<'_, T>, frames: usize) -> Result<(), NotPositiveDefinite> {
     for k in (0..frames).rev() {
-        let mut pivot: Block<T, REST> = corner(&hessian[place(k, k)], POSE, POSE);
-        cholesky::factorize_block(&mut pivot).map_err(|row| NotPositiveDefinite { row: 15 * k + POSE + row })?;
-        put(&mut hessian[place(k, k)], &pivot, POSE, POSE);
+        cholesky::factorize_block(&mut normal.own[k]).map_err(|row| NotPositiveDefinite { row: 15 * k + POSE + row })?;
+        let pivot = normal.own[k];
         let first = k.saturating_sub(1);
         for j in first..frames {
-            let mut coupling = pose_coupling(hessian, k, j);
-            solve_lower(&pivot, &mut coupling);
-            put_pose_coupling(hessian, k, j, &coupling);
+            solve_lower(&pivot, normal.coupling(k, j));
+            let coupling = *normal.coupling(k, j);
             for i in first..=j {
-                let other = if i == j { coupling } else { pose_coupling(hessian, k, i) };
-                subtract(&mut poses[place(j, i)], &transposed_product(&coupling, &other), 0, 0);
+                let other = *normal.coupling(k, i);
+                subtract(&mut normal.poses[place(j, i)], &transposed_product(&coupling, &other));
             }
         }
         if k > 0 {
-            let mut before: Block<T, REST> = corner(&hessian[place(k, k - 1)], POSE, POSE);
-            solve_lower(&pivot, &mut before);
-            put(&mut hessian[place(k, k - 1)], &before, POSE, POSE);
-            subtract(&mut hessian[place(k - 1, k - 1)], &transposed_product(&before, &before), POSE, POSE);
+            solve_lower(&pivot, &mut normal.before[k]);
+            let before = normal.before[k];
+            subtract(&mut normal.own[k - 1], &transposed_product(&before, &before));
             for j in first..frames {
-                let coupling = pose_coupling(hessian, k, j);
-                if j < k {
-                    subtract(&mut hessian[place(k - 1, j)], &transposed_product(&before, &coupling), POSE, 0);
-                } else {
-                    subtract(&mut hessian[place(j, k - 1)], &transposed_product(&coupling, &before), 0, POSE);
-                }
+                let coupling = *normal.coupling(k, j);
+                subtract(normal.coupling(k - 1, j), &transposed_product(&before, &coupling));
             }
         }
     }
-    cholesky::factorize(poses, frames)
+    cholesky::factorize(normal.poses, frames)
 }
 
 /// Solves in place with what [`factorize`] left; `poses_of_x` is scratch.
-pub fn solve<T: Real>(hessian: &[Block<T, 15>], poses: &[Block<T, POSE>], x: &mut [[T; 15]], poses_of_x: &mut [[T; POSE]]) {
+pub fn solve<T: Real>(normal: &mut Parts<'_, T>, x: &mut [[T; 15]], poses_of_x: &mut [[T; POSE]]) {
     let frames = x.len();
     for (out, value) in poses_of_x.iter_mut().zip(&*x) {
         out.copy_from_slice(&value[..POSE]);
     }
     // u_k ← L⁻¹ u_k;  [u_{k−1}; p] −= Yᵀ u_k
     for k in (0..frames).rev() {
-        let pivot: Block<T, REST> = corner(&hessian[place(k, k)], POSE, POSE);
         let mut own = rest(&x[k]).map(|value| [value]);
-        solve_lower(&pivot, &mut own);
+        solve_lower(&normal.own[k], &mut own);
         for (out, [value]) in x[k][POSE..].iter_mut().zip(&own) {
             *out = *value;
         }
-        let first = k.saturating_sub(1);
-        for j in first..frames {
-            for (row, [value]) in pose_coupling(hessian, k, j).iter().zip(&own) {
+        for j in k.saturating_sub(1)..frames {
+            for (row, [value]) in normal.coupling(k, j).iter().zip(&own) {
                 subtract_scaled(&mut poses_of_x[j], row, *value);
             }
         }
         if k > 0 {
-            let before: Block<T, REST> = corner(&hessian[place(k, k - 1)], POSE, POSE);
-            for (row, [value]) in before.iter().zip(&own) {
+            for (row, [value]) in normal.before[k].iter().zip(&own) {
                 subtract_scaled(&mut x[k - 1][POSE..], row, *value);
             }
         }
     }
-    cholesky::solve(poses, &mut poses_of_x[..frames]);
+    cholesky::solve(normal.poses, &mut poses_of_x[..frames]);
     // u_k ← L⁻ᵀ (u_k − Y [u_{k−1}; p])
     for k in 0..frames {
         let mut own = rest(&x[k]);
         for j in k.saturating_sub(1)..frames {
-            for (out, row) in own.iter_mut().zip(&pose_coupling(hessian, k, j)) {
+            for (out, row) in own.iter_mut().zip(&*normal.coupling(k, j)) {
                 *out -= dot(row, &poses_of_x[j]);
             }
         }
         if k > 0 {
-            let before: Block<T, REST> = corner(&hessian[place(k, k - 1)], POSE, POSE);
             let older = rest(&x[k - 1]);
-            for (out, row) in own.iter_mut().zip(&before) {
+            for (out, row) in own.iter_mut().zip(&normal.before[k]) {
                 *out -= dot(row, &older);
             }
         }
-        let pivot: Block<T, REST> = corner(&hessian[place(k, k)], POSE, POSE);
+        let pivot = &normal.own[k];
         for r in (0..REST).rev() {
             own[r] /= pivot[r][r];
             let value = own[r];
@@ -115,48 +97,11 @@ pub fn solve<T: Real>(hessian: &[Block<T, 15>], poses: &[Block<T, POSE>], x: &mu
     }
 }
 
-/// The part of a block that begins at row `r0` and column `c0`.
+/// `C −= A`.
 #[inline(always)]
-fn corner<T: Real, const M: usize, const N: usize>(block: &Block<T, 15>, r0: usize, c0: usize) -> [[T; N]; M] {
-    core::array::from_fn(|r| core::array::from_fn(|c| block[r0 + r][c0 + c]))
-}
-
-#[inline(always)]
-fn put<T: Real, const M: usize, const N: usize>(block: &mut Block<T, 15>, part: &[[T; N]; M], r0: usize, c0: usize) {
-    for (row, values) in block[r0..].iter_mut().zip(part) {
-        row[c0..c0 + N].copy_from_slice(values);
-    }
-}
-
-/// `C −= part` at row `r0` and column `c0`.
-#[inline(always)]
-fn subtract<T: Real, const W: usize, const M: usize, const N: usize>(block: &mut Block<T, W>, part: &[[T; N]; M], r0: usize, c0: usize) {
-    for (row, values) in block[r0..].iter_mut().zip(part) {
-        for (out, value) in row[c0..c0 + N].iter_mut().zip(values) {
-            *out -= *value;
-        }
-    }
-}
-
-/// What velocity and biases of frame `k` have to do with the pose of frame `j`, 9×6; above the diagonal it is stored transposed.
-#[inline(always)]
-fn pose_coupling<T: Real>(hessian: &[Block<T, 15>], k: usize, j: usize) -> [[T; POSE]; REST] {
-    if j <= k {
-        return corner(&hessian[place(k, j)], POSE, 0);
-    }
-    let block = &hessian[place(j, k)];
-    core::array::from_fn(|r| core::array::from_fn(|c| block[c][POSE + r]))
-}
-
-#[inline(always)]
-fn put_pose_coupling<T: Real>(hessian: &mut [Block<T, 15>], k: usize, j: usize, coupling: &[[T; POSE]; REST]) {
-    if j <= k {
-        return put(&mut hessian[place(k, j)], coupling, POSE, 0);
-    }
-    for (c, row) in hessian[place(j, k)].iter_mut().enumerate().take(POSE) {
-        for (out, values) in row[POSE..].iter_mut().zip(coupling) {
-            *out = values[c];
-        }
+fn subtract<T: Real, const M: usize, const N: usize>(c: &mut [[T; N]; M], a: &[[T; N]; M]) {
+    for (out, value) in c.as_flattened_mut().iter_mut().zip(a.as_flattened()) {
+        *out -= *value;
     }
 }
 
@@ -214,9 +159,30 @@ mod tests {
 
     use super::{factorize, solve};
     use crate::solve::cholesky;
-    use crate::storage::blocks::{Block, pairs, place, zero_block};
+    use crate::solve::normal::NormalEquations;
+    use crate::storage::blocks::{Block, columns, pairs, place, transpose, zero_block};
 
-    const FRAMES: usize = 4;
+    const FRAMES: usize = 6;
+
+    /// The blocks of a dense triangle that are not zero.
+    fn sparse(dense: &[Block<f64, 15>]) -> NormalEquations<f64, FRAMES, { pairs(FRAMES) }> {
+        let mut normal = NormalEquations::default();
+        let parts = normal.parts();
+        let rest_rows = |block: &Block<f64, 15>| -> [[f64; 15]; 9] { core::array::from_fn(|r| block[6 + r]) };
+        for (i, j) in (0..FRAMES).flat_map(|i| (0..=i).map(move |j| (i, j))) {
+            let block = &dense[place(i, j)];
+            parts.poses[place(i, j)] = core::array::from_fn(|r| core::array::from_fn(|c| block[r][c]));
+            parts.couplings[place(i, j)] = columns(&rest_rows(&transpose(block)), 0);
+            if i == j {
+                parts.own[i] = columns(&rest_rows(block), 6);
+            }
+            if i == j + 1 {
+                parts.before[i] = columns(&rest_rows(block), 6);
+                parts.pose_before[i] = columns(&rest_rows(block), 0);
+            }
+        }
+        normal
+    }
 
     /// Normal equations of factors that join neighbours, poses, and the oldest frame with all poses.
     fn equations(entries: &[f64]) -> vec::Vec<Block<f64, 15>> {
@@ -253,12 +219,12 @@ mod tests {
             x.as_flattened_mut().copy_from_slice(&right);
             let mut expected = x;
             let mut dense = equations(&entries);
-            let mut chained = dense.clone();
+            let mut chained = sparse(&dense);
             prop_assert!(cholesky::factorize(&mut dense, FRAMES).is_ok());
             cholesky::solve(&dense, &mut expected);
-            let mut poses = vec![zero_block(); pairs(FRAMES)];
-            prop_assert!(factorize(&mut chained, &mut poses, FRAMES).is_ok());
-            solve(&chained, &poses, &mut x, &mut [[0.0; 6]; FRAMES]);
+            let mut parts = chained.parts();
+            prop_assert!(factorize(&mut parts, FRAMES).is_ok());
+            solve(&mut parts, &mut x, &mut [[0.0; 6]; FRAMES]);
             let size = expected.as_flattened().iter().map(|value| value.abs()).fold(0.0, f64::max);
             for (value, expected) in x.as_flattened().iter().zip(expected.as_flattened()) {
                 prop_assert!((value - expected).abs() < 1e-9 * size, "{value} {expected}");
@@ -270,7 +236,6 @@ mod tests {
     fn names_the_pivot_that_fails() {
         let mut blocks = equations(&[0.3, -0.2, 0.5]);
         blocks[place(2, 2)][7][7] = -100.0;
-        let mut poses = vec![zero_block(); pairs(FRAMES)];
-        assert_eq!(factorize(&mut blocks, &mut poses, FRAMES).map_err(|failure| failure.row), Err(37));
+        assert_eq!(factorize(&mut sparse(&blocks).parts(), FRAMES).map_err(|failure| failure.row), Err(37));
     }
 }

@@ -4,7 +4,7 @@ use super::workspace::{Settings, Workspace};
 use super::{assemble, back_substitute, chain, cost};
 use crate::factor::prior::Prior;
 use crate::real::Real;
-use crate::storage::blocks::place;
+use crate::storage::blocks::{Block, place};
 use crate::window::Window;
 
 /// What a solution did.
@@ -109,19 +109,18 @@ fn solve_step<T: Real, const FRAMES: usize, const PAIRS: usize>(
 ) -> Option<T> {
     // A floor for states that no factor touches.
     let floor = T::of(1e-6);
+    let mut normal = workspace.normal.parts();
     for i in 0..frames {
-        let block = &mut workspace.hessian[place(i, i)];
-        for (k, row) in block.iter_mut().enumerate() {
-            row[k] += row[k] * damping + floor;
-        }
+        damp(&mut normal.poses[place(i, i)], damping, floor);
+        damp(&mut normal.own[i], damping, floor);
     }
-    chain::factorize(&mut workspace.hessian, &mut workspace.visual, frames).ok()?;
+    chain::factorize(&mut normal, frames).ok()?;
     for (step, gradient) in workspace.step.iter_mut().zip(&workspace.gradient).take(frames) {
         for (out, value) in step.iter_mut().zip(gradient) {
             *out = -*value;
         }
     }
-    chain::solve(&workspace.hessian, &workspace.visual, &mut workspace.step[..frames], &mut workspace.visual_gradient);
+    chain::solve(&mut normal, &mut workspace.step[..frames], &mut workspace.visual_gradient);
     let mut predicted = T::ZERO;
     for (step, gradient) in workspace.step.iter().zip(&workspace.gradient).take(frames) {
         for (value, slope) in step.iter().zip(gradient) {
@@ -132,4 +131,10 @@ fn solve_step<T: Real, const FRAMES: usize, const PAIRS: usize>(
         }
     }
     Some(predicted * T::of(0.5))
+}
+
+fn damp<T: Real, const B: usize>(block: &mut Block<T, B>, damping: T, floor: T) {
+    for (k, row) in block.iter_mut().enumerate() {
+        row[k] += row[k] * damping + floor;
+    }
 }

@@ -16,16 +16,32 @@
 use nalgebra::SMatrix;
 
 use super::assemble::block_of;
-use super::triangle::{Rows, TILE, eliminate, fold};
+use super::normal::TILES as MEMORY_TILES;
+use super::triangle::{Rows, TILE, eliminate, fold, tiles};
 use super::workspace::{Geometry, Settings, Workspace};
 use crate::factor::{imu, prior::Prior};
 use crate::imu::NavState;
 use crate::real::Real;
-use crate::storage::blocks::{place, zero_block};
+use crate::storage::blocks::{pairs, place, zero_block};
 use crate::window::{Frame, Landmark, Window};
 
 /// Rows that are gathered before they are folded in.
 const GATHERED: usize = 48;
+
+/// Frames that the prior may speak of while the oldest leaves: not the newest two, which are never keyframes.
+const fn most_involved(frames: usize) -> usize {
+    frames - 2
+}
+
+/// Whether the memory of the normal equations holds both triangles, and besides them either the rows of an inertial factor or those
+/// of one landmark.
+pub(super) const fn fits(frames: usize) -> bool {
+    let involved = most_involved(frames);
+    let relative = 6 * (involved - 1);
+    let (wide, narrow) = (tiles(column(involved)), tiles(relative + 1));
+    let rest = (MEMORY_TILES * pairs(frames)).saturating_sub(narrow * relative);
+    rest >= wide * (column(involved) + 15) && rest >= narrow * 2 * involved
+}
 
 /// Where a frame's columns begin: whole states of the oldest two, poses of the others.
 const fn column(frame: usize) -> usize {
@@ -46,7 +62,7 @@ pub fn add_initial<T: Real, const FRAMES: usize, const PAIRS: usize>(
     prior.clear();
     prior.frames = 1;
     prior.origin = Some(*origin);
-    let (mut triangle, rest) = Rows::carve(memory(&mut workspace.hessian), 15, 15);
+    let (mut triangle, rest) = Rows::carve(workspace.normal.memory(), 15, 15);
     let (mut rows, _) = Rows::carve(rest, 15, 15);
     for (i, row) in block_of(square_root).iter().enumerate() {
         rows.row_mut(i)[..15].copy_from_slice(row);
@@ -72,7 +88,7 @@ pub fn marginalize_oldest<T: Real, const FRAMES: usize, const PAIRS: usize, cons
         window.remove_frame(0, &workspace.geometry.camera_poses);
         return;
     }
-    let involved = keyframes.max(prior.frames).max(2).min(newest + 1);
+    let involved = keyframes.max(prior.frames).max(2).min(newest + 1).min(most_involved(FRAMES));
     for frame in window.frames.iter_mut().take(involved) {
         frame.linearization.get_or_insert(frame.state);
     }
@@ -82,7 +98,7 @@ pub fn marginalize_oldest<T: Real, const FRAMES: usize, const PAIRS: usize, cons
 
     let columns = column(involved);
     let relative_columns = 6 * (involved - 1);
-    let (mut relative, rest) = Rows::carve(memory(&mut workspace.hessian), relative_columns + 1, relative_columns);
+    let (mut relative, rest) = Rows::carve(workspace.normal.memory(), relative_columns + 1, relative_columns);
     let leaving = window.landmarks.iter().filter(|landmark| landmark.anchor() == 0 && landmark.active && !landmark.is_seen_in(newest));
     fold_landmarks(leaving, &mut relative, rest, &workspace.geometry, settings, involved);
     // Once marginalised, a landmark is gone.
@@ -110,11 +126,6 @@ pub fn marginalize_oldest<T: Real, const FRAMES: usize, const PAIRS: usize, cons
     window.remove_frame(0, &workspace.geometry.camera_poses);
 }
 
-/// The memory of the normal equations, which are not needed meanwhile.
-fn memory<T: Real>(hessian: &mut [[[T; 15]; 15]]) -> &mut [[T; TILE]] {
-    hessian.as_flattened_mut().as_flattened_mut().as_chunks_mut().0
-}
-
 fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     a.iter().zip(b).fold(T::ZERO, |sum, (x, y)| sum + *x * *y)
 }
@@ -132,7 +143,7 @@ fn fold_landmarks<'a, T: Real, const FRAMES: usize, const PAIRS: usize>(
     let depth = columns + 1;
     let most = 2 * (involved - 1);
     // As many rows as there is memory for, so that a portion always has room for one more landmark.
-    let (mut rows, _) = Rows::carve(buffer, depth, (buffer.len() / super::triangle::tiles(depth)).min(GATHERED + most));
+    let (mut rows, _) = Rows::carve(buffer, depth, (buffer.len() / tiles(depth)).min(GATHERED + most));
     let mut gathered = 0;
     for landmark in landmarks {
         if gathered + most > rows.count() {
@@ -197,7 +208,7 @@ fn fold_poses<T: Real, const FRAMES: usize, const PAIRS: usize>(
         }
         out
     };
-    let at_once = (buffer.len() / super::triangle::tiles(columns)).clamp(1, GATHERED);
+    let at_once = (buffer.len() / tiles(columns)).clamp(1, GATHERED);
     for first in (0..relative.count()).step_by(at_once) {
         let count = at_once.min(relative.count() - first);
         let (mut rows, _) = Rows::carve(buffer, columns, count);
@@ -254,17 +265,19 @@ fn load<T: Real, const FRAMES: usize, const PAIRS: usize>(triangle: &mut Rows<'_
         let row = triangle.row_mut(r);
         row[..15].copy_from_slice(&prior.head[r]);
         row[columns] = prior.right_head[r];
-        for j in 1..prior.frames {
-            row[column(j)..column(j) + 6].copy_from_slice(&prior.coupling[j][r]);
-        }
     }
-    for i in 1..prior.frames {
-        for r in 0..6 {
-            let row = triangle.row_mut(column(i) + r);
-            row[columns] = prior.right[i][r];
-            for j in i..prior.frames {
-                row[column(j)..column(j) + 6].copy_from_slice(&prior.poses[place(j, i)][r]);
+    for j in 1..prior.frames {
+        let (coupling, poses) = prior.column(j);
+        for (r, values) in coupling.iter().enumerate() {
+            triangle.row_mut(r)[column(j)..column(j) + 6].copy_from_slice(values);
+        }
+        for (i, block) in (1..).zip(poses) {
+            for (r, values) in block.iter().enumerate() {
+                triangle.row_mut(column(i) + r)[column(j)..column(j) + 6].copy_from_slice(values);
             }
+        }
+        for (r, value) in prior.right[j].iter().enumerate() {
+            triangle.row_mut(column(j) + r)[columns] = *value;
         }
     }
 }
@@ -276,22 +289,23 @@ fn store<T: Real, const FRAMES: usize, const PAIRS: usize>(
     involved: usize,
     columns: usize,
 ) {
-    let pose = |row: &[T], j: usize| core::array::from_fn(|c| row[column(j) + c]);
     for r in 0..15 {
         let row = triangle.row(15 + r);
         prior.head[r].copy_from_slice(&row[15..30]);
         prior.right_head[r] = row[columns];
-        for j in 2..involved {
-            prior.coupling[j - 1][r] = pose(row, j);
-        }
     }
-    for i in 2..involved {
-        for r in 0..6 {
-            let row = triangle.row(column(i) + r);
-            prior.right[i - 1][r] = row[columns];
-            for j in i..involved {
-                prior.poses[place(j - 1, i - 1)][r] = pose(row, j);
+    for j in 2..involved {
+        let (coupling, poses) = prior.column_mut(j - 1);
+        for (r, values) in coupling.iter_mut().enumerate() {
+            values.copy_from_slice(&triangle.row(15 + r)[column(j)..column(j) + 6]);
+        }
+        for (i, block) in (2..).zip(poses) {
+            for (r, values) in block.iter_mut().enumerate() {
+                values.copy_from_slice(&triangle.row(column(i) + r)[column(j)..column(j) + 6]);
             }
+        }
+        for (r, value) in prior.right[j - 1].iter_mut().enumerate() {
+            *value = triangle.row(column(j) + r)[columns];
         }
     }
     prior.frames = involved - 1;

@@ -8,13 +8,14 @@ pub mod chain;
 pub mod cholesky;
 mod levenberg;
 mod marginalize;
+pub mod normal;
 pub mod triangle;
 mod workspace;
 
 pub use assemble::{assemble, back_substitute, cost};
 pub use levenberg::{SolveReport, optimize};
 pub use marginalize::{add_initial, marginalize_oldest};
-pub use workspace::{Geometry, PairSum, Settings, Workspace};
+pub use workspace::{Geometry, Settings, Workspace};
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]

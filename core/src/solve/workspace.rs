@@ -2,12 +2,14 @@
 
 use nalgebra::{Isometry3, SMatrix, Vector3};
 
+use super::marginalize::fits as marginalization_fits;
+use super::normal::NormalEquations;
 use crate::factor::imu;
 use crate::factor::reprojection::{self, CameraMount, PairGeometry, ReprojectionLinearization};
 use crate::imu::{ImuBias, NavState};
 use crate::real::Real;
 use crate::robust::kernel::Kernel;
-use crate::storage::blocks::{Block, pairs, place, zero_block};
+use crate::storage::blocks::{pairs, place};
 use crate::time::{Span, Timestamp};
 use crate::window::{CameraPose, Frame, NormalizedPoint, Window};
 
@@ -41,30 +43,17 @@ pub struct Geometry<T: Real, const FRAMES: usize, const PAIRS: usize> {
     pub first_camera_poses: [CameraPose<T>; FRAMES],
 }
 
-/// What the observations of one pair of frames say about their relative pose, see [`reprojection`].
-#[derive(Debug, Clone, Copy)]
-pub struct PairSum<T> {
-    /// `Σ w eᵀ e`.
-    pub information: Block<T, 6>,
-    /// `Σ w eᵀ r`.
-    pub gradient: [T; 6],
-}
-
 /// Normal equations and geometry of one window.
 #[derive(Debug)]
 pub struct Workspace<T: Real, const FRAMES: usize, const PAIRS: usize> {
-    /// Lower block triangle of `H`, later the factors of velocities and biases.
-    pub hessian: [Block<T, 15>; PAIRS],
+    /// `H`, later its factors.
+    pub normal: NormalEquations<T, FRAMES, PAIRS>,
     /// `b = Jᵀ r`.
     pub gradient: [[T; 15]; FRAMES],
     /// The solved step of the frames.
     pub step: [[T; 15]; FRAMES],
-    /// The part of `H` that comes from images, over motions of the cameras; later the Cholesky factor of the poses.
-    pub visual: [Block<T, 6>; PAIRS],
-    /// The part of `b` that comes from images.
+    /// The part of `b` that comes from images, over motions of the cameras.
     pub visual_gradient: [[T; 6]; FRAMES],
-    /// Sums of the pairs of frames.
-    pub pair_sums: [PairSum<T>; PAIRS],
     /// Cameras.
     pub geometry: Geometry<T, FRAMES, PAIRS>,
     /// Square-root information of the inertial factor that ends in each frame: the lower triangle, row by row.
@@ -135,15 +124,13 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for Workspace<T, 
     fn default() -> Self {
         const {
             assert!(PAIRS == pairs(FRAMES), "PAIRS must be FRAMES (FRAMES + 1) / 2");
-            assert!(FRAMES >= 6, "marginalisation works in the memory of the normal equations, which fewer frames make too small");
+            assert!(marginalization_fits(FRAMES), "marginalisation works in the memory of the normal equations");
         };
         Self {
-            hessian: [zero_block(); PAIRS],
+            normal: NormalEquations::default(),
             gradient: [[T::ZERO; 15]; FRAMES],
             step: [[T::ZERO; 15]; FRAMES],
-            visual: [zero_block(); PAIRS],
             visual_gradient: [[T::ZERO; 6]; FRAMES],
-            pair_sums: [PairSum { information: zero_block(), gradient: [T::ZERO; 6] }; PAIRS],
             geometry: Geometry::default(),
             imu_square_roots: [None; FRAMES],
             imu_keys: [None; FRAMES],
@@ -154,15 +141,6 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for Workspace<T, 
 }
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize> Workspace<T, FRAMES, PAIRS> {
-    /// Zeroes the normal equations of `frames` frames.
-    pub fn clear(&mut self, frames: usize) {
-        self.hessian[..pairs(frames)].fill(zero_block());
-        self.gradient[..frames].fill([T::ZERO; 15]);
-        self.visual[..pairs(frames)].fill(zero_block());
-        self.visual_gradient[..frames].fill([T::ZERO; 6]);
-        self.pair_sums[..pairs(frames)].fill(PairSum { information: zero_block(), gradient: [T::ZERO; 6] });
-    }
-
     /// The square-root information of the inertial factor that ends in a frame, lower triangular, where it has one.
     #[must_use]
     pub fn imu_square_root(&self, frame: usize) -> Option<SMatrix<T, 15, 15>> {
@@ -174,7 +152,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Workspace<T, FRAMES, PAIR
     /// is that of the last diagonal block alone.
     pub(super) fn factored_covariance(&self, frames: usize) -> Option<SMatrix<T, 6, 6>> {
         let last = frames.checked_sub(1)?;
-        let block = self.visual.get(place(last, last))?;
+        let block = self.normal.pose(last)?;
         let lower = SMatrix::<T, 6, 6>::from_fn(|r, c| if c <= r { block[r][c] } else { T::ZERO });
         let inverse = lower.solve_lower_triangular(&SMatrix::<T, 6, 6>::identity())?;
         Some(inverse.tr_mul(&inverse))

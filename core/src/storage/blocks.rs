@@ -27,16 +27,15 @@ pub const fn zero_block<T: Real, const B: usize>() -> Block<T, B> {
     [[T::ZERO; B]; B]
 }
 
-/// `C += Aᵀ B` with `A` K×M and `B` K×N, on the upper left M×N of `C`.
+/// `C += Aᵀ B` with `A` K×M and `B` K×N.
 // Kept out of line: the arguments are then known not to overlap, without which the loops stay scalar.
 #[inline(never)]
-pub fn add_transposed_product<T: Real, const W: usize, const K: usize, const M: usize, const N: usize>(
-    c: &mut Block<T, W>,
+pub fn add_transposed_product<T: Real, const K: usize, const M: usize, const N: usize>(
+    c: &mut [[T; N]; M],
     a: &[[T; M]; K],
     b: &[[T; N]; K],
 ) {
-    const { assert!(M <= W && N <= W) };
-    for (i, c_row) in c.iter_mut().enumerate().take(M) {
+    for (i, c_row) in c.iter_mut().enumerate() {
         let mut sum = [T::ZERO; N];
         for (a_row, b_row) in a.iter().zip(b) {
             let scale = a_row[i];
@@ -61,6 +60,13 @@ pub fn subtract_product<T: Real, const B: usize>(c: &mut Block<T, B>, a: &Block<
             }
         }
     }
+}
+
+/// The columns of `A` from `first` on, as many as the result has.
+#[inline(always)]
+#[must_use]
+pub fn columns<T: Real, const K: usize, const M: usize, const N: usize>(a: &[[T; M]; K], first: usize) -> [[T; N]; K] {
+    core::array::from_fn(|r| core::array::from_fn(|c| a[r][first + c]))
 }
 
 /// `Aᵀ`.

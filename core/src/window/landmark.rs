@@ -5,6 +5,9 @@
 //! (`λ = 0`) are regular, and only one scalar has to be eliminated from the normal equations; the bearing itself is
 //! refined between solves from all observations ([`Landmark::refine`]).
 
+// A comparison that NaN must fail is written as the negation of what must hold.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
 use nalgebra::{Matrix3, Vector3};
 
 use super::CameraPose;

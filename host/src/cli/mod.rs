@@ -1,8 +1,10 @@
 //! One file per subcommand; here is what they share: arguments and exit codes.
 
 mod config;
+mod demo;
 mod evaluate;
 mod run;
+mod simulate;
 
 use std::io::Write as _;
 use std::process::ExitCode;
@@ -23,8 +25,12 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Renders a flight and runs the odometry on it at once: needs no data.
+    Demo(demo::Arguments),
     /// Runs a recording through the estimator and writes trajectory, report and picture.
     Run(run::Arguments),
+    /// Renders a flight through a room into a EuRoC/ASL folder with exact truth.
+    Simulate(simulate::Arguments),
     /// Compares a trajectory with the truth (TUM or EuRoC files).
     Evaluate(evaluate::Arguments),
     /// Prints the default configuration with the unit of every key.
@@ -46,7 +52,9 @@ pub(crate) fn say(text: &str) {
 
 pub(crate) fn main() -> ExitCode {
     let done = match Arguments::parse().command {
+        Command::Demo(arguments) => demo::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Config => config::run(),
     };

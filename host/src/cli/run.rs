@@ -38,7 +38,7 @@ pub(crate) struct Arguments {
 /// So many images on which vision and inertial samples disagree are no accident: a second of most recordings.
 const CONTRADICTIONS: usize = 20;
 
-fn parse_scalar(text: &str) -> Result<Scalar, String> {
+pub(super) fn parse_scalar(text: &str) -> Result<Scalar, String> {
     match text {
         "f64" => Ok(Scalar::F64),
         "f32" => Ok(Scalar::F32),
@@ -95,7 +95,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
 }
 
 /// The first Ctrl-C ends the run and lets the results be written; the second ends the program.
-fn stop_on_interrupt() -> Arc<AtomicBool> {
+pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let heard = Arc::clone(&stop);
     // Without a handler Ctrl-C still ends the program, only without results.
@@ -107,14 +107,14 @@ fn stop_on_interrupt() -> Arc<AtomicBool> {
     stop
 }
 
-fn progress(frames: usize, quiet: bool) -> ProgressBar {
+pub(super) fn progress(frames: usize, quiet: bool) -> ProgressBar {
     let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
     let bar = ProgressBar::with_draw_target(Some(frames as u64), target);
     let style = ProgressStyle::with_template("{bar:40} {pos}/{len} images  {per_sec}  {msg}");
     bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
-fn word(health: Health) -> &'static str {
+pub(super) fn word(health: Health) -> &'static str {
     match health {
         Health::Initialising(waiting) => match waiting {
             Waiting::Imu => "initialising: waits for inertial samples",
@@ -132,7 +132,7 @@ fn word(health: Health) -> &'static str {
     }
 }
 
-fn subtitle(report: &Report) -> String {
+pub(super) fn subtitle(report: &Report) -> String {
     let mut parts = Vec::new();
     if let (Some(ate), Some(scale)) = (report.ate_rmse_m, report.scale_error_percent) {
         parts.push(format!("ATE {:.1} mm RMSE", ate * 1e3));
@@ -151,7 +151,7 @@ fn subtitle(report: &Report) -> String {
     parts.join("  ·  ")
 }
 
-fn describe(recording: &Recording, report: &Report, evaluation: Option<&Evaluation>, folder: &Path) -> String {
+pub(super) fn describe(recording: &Recording, report: &Report, evaluation: Option<&Evaluation>, folder: &Path) -> String {
     let mut lines = vec![
         format!("recording       {} ({:.1} s)", recording.name, recording.span().as_seconds::<f64>()),
         format!("poses           {} of {} images ({:.1} %)", report.poses, report.frames, 100.0 * report.coverage),
@@ -183,7 +183,7 @@ fn describe(recording: &Recording, report: &Report, evaluation: Option<&Evaluati
     lines.join("\n")
 }
 
-fn exit(run: &Run, report: &Report) -> Exit {
+pub(super) fn exit(run: &Run, report: &Report) -> Exit {
     match &run.ended {
         Ended::Failed(said) => {
             eprintln!("libella: the estimator failed ({said}); results up to there are written, please report it with the recording");

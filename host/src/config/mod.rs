@@ -51,7 +51,7 @@ pub struct EstimatorSection {
     pub imu_walk_inflation: f64,
     /// Magnitude of gravity, m/s². Default 9.81.
     pub gravity_m_s2: f64,
-    /// Standard deviation of a corner's position, px. Default 0.35.
+    /// Standard deviation of a corner's position, px. Default 0.4.
     pub sigma_px: f64,
     /// Where the Huber cost of an observation turns linear, in standard deviations. Default 2.0.
     pub huber: f64,

@@ -12,7 +12,7 @@ use super::ImageFile;
 use crate::fault::{Fault, FaultKind};
 
 /// An image with its time, or why there is none.
-pub(super) type Decoded = (Timestamp, Result<GrayImage, Fault>);
+pub type Decoded = (Timestamp, Result<GrayImage, Fault>);
 
 /// Eight-bit grey pixels, row by row.
 #[derive(Debug, Clone, PartialEq, Eq)]

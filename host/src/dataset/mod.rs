@@ -10,7 +10,7 @@ mod euroc;
 mod imu;
 pub(crate) mod table;
 
-pub use decode::GrayImage;
+pub use decode::{Decoded, GrayImage};
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::Receiver;
@@ -56,6 +56,8 @@ pub enum Layout {
     Euroc,
     /// Corners of a calibration target, found beforehand.
     Corners,
+    /// No folder: made by the program.
+    Simulated,
 }
 
 /// What the camera gave.
@@ -63,8 +65,28 @@ pub enum Layout {
 pub enum Frames {
     /// Image files, not yet read.
     Images(Vec<ImageFile>),
+    /// Images that are made when they are asked for.
+    Live(LiveImages),
     /// Corners found by somebody else.
     Tracks(Vec<TrackFrame>),
+}
+
+/// Images that are made when they are asked for.
+#[derive(Debug)]
+pub struct LiveImages {
+    /// When they are taken.
+    pub stamps: Vec<Timestamp>,
+    /// Who makes them.
+    pub source: Box<dyn ImageSource>,
+}
+
+/// Makes images.
+pub trait ImageSource: std::fmt::Debug + Send + Sync {
+    /// Starts from the first image; at most `ahead` are made before they are asked for.
+    ///
+    /// # Errors
+    /// When nothing can be made.
+    fn start(&self, ahead: usize) -> Result<Receiver<Decoded>, Fault>;
 }
 
 impl Frames {
@@ -73,6 +95,7 @@ impl Frames {
     pub fn len(&self) -> usize {
         match self {
             Self::Images(images) => images.len(),
+            Self::Live(live) => live.stamps.len(),
             Self::Tracks(frames) => frames.len(),
         }
     }
@@ -88,6 +111,7 @@ impl Frames {
     pub fn stamp(&self, index: usize) -> Option<Timestamp> {
         match self {
             Self::Images(images) => images.get(index).map(|image| image.stamp),
+            Self::Live(live) => live.stamps.get(index).copied(),
             Self::Tracks(frames) => frames.get(index).map(|frame| frame.stamp),
         }
     }
@@ -95,6 +119,7 @@ impl Frames {
     fn retain(&mut self, keep: impl Fn(Timestamp) -> bool) {
         match self {
             Self::Images(images) => images.retain(|image| keep(image.stamp)),
+            Self::Live(live) => live.stamps.retain(|stamp| keep(*stamp)),
             Self::Tracks(frames) => frames.retain(|frame| keep(frame.stamp)),
         }
     }
@@ -239,6 +264,7 @@ impl Recording {
     pub fn events(&self, ahead: usize) -> Result<Events<'_>, Fault> {
         let decoded = match &self.frames {
             Frames::Images(images) => Some(decode::start(images.clone(), ahead)?),
+            Frames::Live(live) => Some(live.source.start(ahead)?),
             Frames::Tracks(_) => None,
         };
         Ok(Events { recording: self, decoded, next_imu: 0, next_frame: 0, reached: None })
@@ -257,7 +283,7 @@ impl Recording {
 /// The events of a recording.
 pub struct Events<'a> {
     recording: &'a Recording,
-    decoded: Option<Receiver<decode::Decoded>>,
+    decoded: Option<Receiver<Decoded>>,
     next_imu: usize,
     next_frame: usize,
     reached: Option<Timestamp>,
@@ -268,13 +294,14 @@ impl Iterator for Events<'_> {
 
     fn next(&mut self) -> Option<Event> {
         let due = self.recording.frames.stamp(self.next_frame).filter(|stamp| self.reached.is_some_and(|reached| reached >= *stamp));
-        if due.is_some() {
+        if let Some(stamp) = due {
             let index = self.next_frame;
             self.next_frame += 1;
             return match (&self.recording.frames, &self.decoded) {
                 (Frames::Tracks(frames), _) => frames.get(index).cloned().map(Event::Tracks),
-                (Frames::Images(_), Some(decoded)) => decoded.recv().ok().map(|(stamp, image)| Event::Image { stamp, image }),
-                (Frames::Images(_), None) => None,
+                // A source may make images that were taken out of the recording.
+                (_, Some(decoded)) => decoded.iter().find(|made| made.0 == stamp).map(|(stamp, image)| Event::Image { stamp, image }),
+                (_, None) => None,
             };
         }
         let sample = self.recording.imu.get(self.next_imu)?;

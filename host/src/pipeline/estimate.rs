@@ -14,6 +14,7 @@ use libella_core::time::Timestamp;
 use libella_core::track::Observation;
 use nalgebra::{Isometry3, Quaternion, SMatrix, Translation3, UnitQuaternion, Vector3};
 
+use super::view::{self, View};
 use crate::config::{Config, Scalar};
 use crate::dataset::{Event, Recording};
 use crate::eval::{StampedPose, Trajectory};
@@ -122,13 +123,36 @@ impl Run {
 /// # Errors
 /// When no thread can be started. Faults of single inputs are in the results instead.
 pub fn run(recording: &Recording, config: &Config, stop: &AtomicBool, mut observe: impl FnMut(&FrameResult)) -> Result<Run, Fault> {
+    run_to(recording, config, stop, false, |frame, _| observe(frame))
+}
+
+/// [`run`] for somebody who also wants to see what the estimator saw in each image that it took.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_watched(
+    recording: &Recording,
+    config: &Config,
+    stop: &AtomicBool,
+    observe: impl FnMut(&FrameResult, Option<View>),
+) -> Result<Run, Fault> {
+    run_to(recording, config, stop, true, observe)
+}
+
+fn run_to(
+    recording: &Recording,
+    config: &Config,
+    stop: &AtomicBool,
+    watched: bool,
+    mut observe: impl FnMut(&FrameResult, Option<View>),
+) -> Result<Run, Fault> {
     let begun = Instant::now();
     let (sender, receiver) = channel();
     let mut frames = Vec::with_capacity(recording.frames.len());
     let ended = std::thread::scope(|scope| {
         let work = move || match config.scalar {
-            Scalar::F64 => work::<f64>(recording, config, stop, &sender),
-            Scalar::F32 => work::<f32>(recording, config, stop, &sender),
+            Scalar::F64 => work::<f64>(recording, config, stop, watched, &sender),
+            Scalar::F32 => work::<f32>(recording, config, stop, watched, &sender),
         };
         let thread = std::thread::Builder::new()
             .name("estimator".into())
@@ -137,8 +161,8 @@ pub fn run(recording: &Recording, config: &Config, stop: &AtomicBool, mut observ
             .map_err(|error| {
                 Fault::new(FaultKind::Output, format!("no thread for the estimator ({error})"), "free memory or raise the limit")
             })?;
-        for frame in receiver {
-            observe(&frame);
+        for (frame, view) in receiver {
+            observe(&frame, view);
             frames.push(frame);
         }
         match thread.join() {
@@ -164,7 +188,13 @@ struct Worker<'a, T: Real> {
     refused_imu: Refusals,
 }
 
-fn work<T: Real>(recording: &Recording, config: &Config, stop: &AtomicBool, sender: &Sender<FrameResult>) -> Result<Ended, Fault> {
+fn work<T: Real>(
+    recording: &Recording,
+    config: &Config,
+    stop: &AtomicBool,
+    watched: bool,
+    sender: &Sender<(FrameResult, Option<View>)>,
+) -> Result<Ended, Fault> {
     let rig = &recording.rig;
     let settings = config.estimator_config::<T>(&rig.imu_noise);
     let mut worker = Worker {
@@ -175,6 +205,7 @@ fn work<T: Real>(recording: &Recording, config: &Config, stop: &AtomicBool, send
         refused_imu: Refusals::default(),
     };
     for event in recording.events(config.dataset.images_ahead)? {
+        let mut pixels = None;
         let result = match event {
             Event::Imu(sample) => {
                 worker.take_imu(&sample);
@@ -182,7 +213,11 @@ fn work<T: Real>(recording: &Recording, config: &Config, stop: &AtomicBool, send
             }
             Event::Image { stamp, image: Err(fault) } => worker.leave_out(stamp, fault.to_string()),
             Event::Image { stamp, image: Ok(image) } => match image.view() {
-                Ok(view) => worker.take_frame(stamp, |estimator, pyramids| estimator.push_image(stamp, &view, pyramids)),
+                Ok(view) => {
+                    let result = worker.take_frame(stamp, |estimator, pyramids| estimator.push_image(stamp, &view, pyramids));
+                    pixels = Some(image);
+                    result
+                }
                 Err(error) => worker.leave_out(stamp, error.to_string()),
             },
             Event::Tracks(frame) => {
@@ -191,7 +226,8 @@ fn work<T: Real>(recording: &Recording, config: &Config, stop: &AtomicBool, send
                 worker.take_frame(frame.stamp, |estimator, _| estimator.push_tracks(frame.stamp, &observations))
             }
         };
-        if sender.send(result).is_err() || stop.load(Ordering::Relaxed) {
+        let view = (watched && result.outcome.is_some()).then(|| view::of(&worker.estimator, rig, result.stamp, pixels));
+        if sender.send((result, view)).is_err() || stop.load(Ordering::Relaxed) {
             return Ok(Ended::Interrupted);
         }
     }

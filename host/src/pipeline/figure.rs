@@ -14,14 +14,14 @@ use crate::eval::{Evaluation, Trajectory};
 use crate::fault::{Fault, FaultKind};
 
 const SIZE: (u32, u32) = (1600, 1000);
-const ESTIMATE: RGBColor = RGBColor(0x1f, 0x5f, 0xbf);
-const TRUTH: RGBColor = RGBColor(0x9a, 0x9a, 0x9a);
+pub(super) const ESTIMATE: RGBColor = RGBColor(0x1f, 0x5f, 0xbf);
+pub(super) const TRUTH: RGBColor = RGBColor(0x9a, 0x9a, 0x9a);
 const ERROR: RGBColor = RGBColor(0xc0, 0x39, 0x2b);
-const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
-const SOFT_INK: RGBColor = RGBColor(0x60, 0x60, 0x60);
-const FAINT: RGBColor = RGBColor(0xe6, 0xe6, 0xe6);
+pub(super) const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
+pub(super) const SOFT_INK: RGBColor = RGBColor(0x60, 0x60, 0x60);
+pub(super) const FAINT: RGBColor = RGBColor(0xe6, 0xe6, 0xe6);
 /// Points per piece of a line.
-const PIECE: usize = 12;
+pub(super) const PIECE: usize = 12;
 const FONT: &str = "sans-serif";
 
 /// What is drawn.
@@ -58,7 +58,7 @@ pub fn draw(folder: &Path, figure: &Figure<'_>) -> Result<(), Fault> {
 }
 
 /// The mean of every 2x2 pixels: smooth edges, which the bitmap backend does not draw by itself.
-fn halved(pixels: &[u8], (width, height): (u32, u32)) -> Vec<u8> {
+pub(super) fn halved(pixels: &[u8], (width, height): (u32, u32)) -> Vec<u8> {
     let (width, height) = (width as usize, height as usize);
     let at = |x: usize, y: usize, channel: usize| u16::from(pixels.get((y * 2 * width + x) * 3 + channel).copied().unwrap_or_default());
     let mut small = Vec::with_capacity(width * height * 3);
@@ -70,14 +70,14 @@ fn halved(pixels: &[u8], (width, height): (u32, u32)) -> Vec<u8> {
 }
 
 /// Text is drawn with a font that comes with the program: the picture is the same on every machine.
-fn load_font() -> Result<(), String> {
+pub(super) fn load_font() -> Result<(), String> {
     static LOADED: OnceLock<bool> = OnceLock::new();
     let font = include_bytes!("../../assets/DejaVuSans-subset.ttf");
     let loaded = LOADED.get_or_init(|| register_font(FONT, FontStyle::Normal, font).is_ok());
     if *loaded { Ok(()) } else { Err("the font is damaged".into()) }
 }
 
-fn text(size: u32, zoom: u32, color: RGBColor) -> TextStyle<'static> {
+pub(super) fn text(size: u32, zoom: u32, color: RGBColor) -> TextStyle<'static> {
     (FONT, size * zoom).into_font().color(&color)
 }
 
@@ -99,18 +99,18 @@ fn paint<B: DrawingBackend>(area: &DrawingArea<B, Shift>, figure: &Figure<'_>, z
 }
 
 /// The curves in the world of the truth, or of the estimate where there is no truth.
-struct Paths {
-    estimate: Vec<Vector3<f64>>,
-    truth: Vec<Vector3<f64>>,
+pub(super) struct Paths {
+    pub(super) estimate: Vec<Vector3<f64>>,
+    pub(super) truth: Vec<Vector3<f64>>,
 }
 
-struct Flat {
+pub(super) struct Flat {
     estimate: Vec<(f64, f64)>,
     truth: Vec<(f64, f64)>,
 }
 
 impl Paths {
-    fn of(figure: &Figure<'_>) -> Self {
+    pub(super) fn of(figure: &Figure<'_>) -> Self {
         let aligned = figure.evaluation.map_or_else(nalgebra::Isometry3::identity, |found| found.truth_from_estimate);
         let points =
             |trajectory: &Trajectory| trajectory.poses().iter().map(|pose| pose.world_from_body.translation.vector).collect::<Vec<_>>();
@@ -124,7 +124,7 @@ impl Paths {
 }
 
 /// Both axes in the same scale, centred on the curves.
-fn bounds(points: impl Iterator<Item = (f64, f64)>, aspect: f64) -> ((f64, f64), (f64, f64)) {
+pub(super) fn bounds(points: impl Iterator<Item = (f64, f64)>, aspect: f64) -> ((f64, f64), (f64, f64)) {
     let (mut low, mut high) = ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY));
     for (x, y) in points {
         low = (low.0.min(x), low.1.min(y));
@@ -139,7 +139,7 @@ fn bounds(points: impl Iterator<Item = (f64, f64)>, aspect: f64) -> ((f64, f64),
 }
 
 /// Leaves out points closer than `step` to the last one kept: they would only roughen a wide line.
-fn thinned(points: &[(f64, f64)], step: f64) -> Vec<(f64, f64)> {
+pub(super) fn thinned(points: &[(f64, f64)], step: f64) -> Vec<(f64, f64)> {
     let mut kept: Vec<(f64, f64)> = Vec::new();
     for point in points {
         if kept.last().is_none_or(|last| (point.0 - last.0).hypot(point.1 - last.1) >= step) {
@@ -195,7 +195,7 @@ fn paint_view<B: DrawingBackend>(
         .map_err(said)
 }
 
-fn paint_error<B: DrawingBackend>(area: &DrawingArea<B, Shift>, figure: &Figure<'_>, zoom: u32) -> Result<(), String> {
+pub(super) fn paint_error<B: DrawingBackend>(area: &DrawingArea<B, Shift>, figure: &Figure<'_>, zoom: u32) -> Result<(), String> {
     let said = |error: DrawingAreaErrorKind<B::ErrorType>| error.to_string();
     let errors = figure.evaluation.map(|found| found.errors.as_slice()).unwrap_or_default();
     let Some((first, last)) = errors.first().zip(errors.last()) else {
@@ -221,9 +221,9 @@ fn paint_error<B: DrawingBackend>(area: &DrawingArea<B, Shift>, figure: &Figure<
     Ok(())
 }
 
-type Plane<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+pub(super) type Plane<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-fn mesh<B: DrawingBackend>(chart: &mut Plane<'_, B>, (x, y): (&str, &str), zoom: u32) -> Result<(), String> {
+pub(super) fn mesh<B: DrawingBackend>(chart: &mut Plane<'_, B>, (x, y): (&str, &str), zoom: u32) -> Result<(), String> {
     // As few decimals as tell neighbouring labels apart.
     let label = |range: f64| {
         move |value: &f64| {

@@ -7,8 +7,14 @@ mod estimate;
 mod figure;
 mod record;
 mod resources;
+mod sheet;
+mod simulated;
+mod view;
 
-pub use estimate::{Ended, FrameResult, PoseResult, Refusals, Run, run};
+pub use estimate::{Ended, FrameResult, PoseResult, Refusals, Run, run, run_watched};
 pub use figure::{Figure, draw};
 pub use record::{Consistency, CoreTiming, LeftOut, Report, Timing, prepare_outputs, write_outputs};
 pub use resources::rss_peak_mb;
+pub use sheet::ContactSheet;
+pub use simulated::{RenderClock, rendered_recording, tracked_recording};
+pub use view::{Corner, View};

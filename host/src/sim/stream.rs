@@ -46,7 +46,12 @@ impl MotionSource {
     pub fn parse(name: &str, duration_s: f64) -> Result<Self, SimError> {
         SimError::check("duration_s", duration_s, 1.0, 3600.0)?;
         Ok(match MotionKind::from_name(name) {
-            Some(kind) => Self::Analytic(AnalyticConfig { kind, duration_s, ..AnalyticConfig::default() }, ImuConfig::default()),
+            Some(kind) => {
+                let usual = AnalyticConfig::default();
+                // A flight shorter than its rest would not fly.
+                let rest_s = usual.rest_s.min(0.5 * duration_s);
+                Self::Analytic(AnalyticConfig { kind, duration_s, rest_s, ..usual }, ImuConfig::default())
+            }
             None => Self::Recorded(
                 name.into(),
                 RealMotionConfig {

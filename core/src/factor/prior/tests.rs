@@ -22,10 +22,10 @@ fn example<T: Real>(seed: u64) -> (Box<Prior<T, FRAMES, PAIRS>>, [Frame<T>; FRAM
     }
     prior.right_head = core::array::from_fn(|_| T::of(normal.draw()));
     for j in 1..3 {
-        prior.coupling[j] = core::array::from_fn(|_| core::array::from_fn(|_| T::of(normal.draw())));
+        *prior.column_mut(j).0 = core::array::from_fn(|_| core::array::from_fn(|_| T::of(normal.draw())));
         for i in 1..=j {
             for (r, c) in (0..6).flat_map(|r| (0..6).map(move |c| (r, c))).filter(|(r, c)| i < j || r <= c) {
-                prior.poses[place(j, i)][r][c] = T::of(normal.draw());
+                prior.column_mut(j).1[i - 1][r][c] = T::of(normal.draw());
             }
         }
         prior.right[j] = core::array::from_fn(|_| T::of(normal.draw()));
@@ -48,12 +48,19 @@ fn example<T: Real>(seed: u64) -> (Box<Prior<T, FRAMES, PAIRS>>, [Frame<T>; FRAM
 
 /// `H` and `b` of the frames as dense ones.
 fn normal_equations(prior: &Prior<f64, FRAMES, PAIRS>, frames: &[Frame<f64>; FRAMES]) -> (DMatrix<f64>, DVector<f64>) {
-    let mut hessian = [zero_block::<f64, 15>(); PAIRS];
+    let (mut poses, mut couplings, mut rest) = ([zero_block(); PAIRS], [[[0.0; 6]; 9]; PAIRS], zero_block());
     let mut gradient = [[0.0; 15]; FRAMES];
-    prior.add_to(frames, &mut hessian, &mut gradient);
+    prior.add_to(frames, &mut poses, &mut couplings, &mut rest, &mut gradient);
     let entry = |r: usize, c: usize| {
         let (r, c) = if r / 15 >= c / 15 { (r, c) } else { (c, r) };
-        hessian[place(r / 15, c / 15)][r % 15][c % 15]
+        let ((i, a), (j, b)) = ((r / 15, r % 15), (c / 15, c % 15));
+        match (a.checked_sub(6), b.checked_sub(6)) {
+            (None, None) => poses[place(i, j)][a][b],
+            (None, Some(b)) => couplings[place(i, j)][b][a],
+            (Some(a), None) if i == j => couplings[place(i, i)][a][b],
+            (Some(a), Some(b)) if (i, j) == (0, 0) => rest[a][b],
+            _ => 0.0,
+        }
     };
     (DMatrix::from_fn(60, 60, entry), DVector::from_column_slice(gradient.as_flattened()))
 }
@@ -113,7 +120,7 @@ fn a_prior_of_one_number_by_hand() {
 fn frames_beyond_the_prior_are_free() {
     let (prior, frames) = example::<f64>(3);
     let (hessian, gradient) = normal_equations(&prior, &frames);
-    let total = prior.add_to(&frames, &mut [zero_block(); PAIRS], &mut [[0.0; 15]; FRAMES]);
+    let total = prior.add_to(&frames, &mut [zero_block(); PAIRS], &mut [[[0.0; 6]; 9]; PAIRS], &mut zero_block(), &mut [[0.0; 15]; FRAMES]);
     assert_eq!(total.to_bits(), prior.cost(&frames).to_bits());
     assert!(hessian.rows(45, 15).iter().chain(gradient.rows(45, 15).iter()).all(|value| *value == 0.0));
     let mut other = frames;

@@ -40,8 +40,8 @@ pub fn dense_prior(window: &SmallWindow<f64>, prior: &SmallPrior<f64>) -> (DMatr
     let rows = if prior.frames == 0 { 0 } else { 9 + 6 * prior.frames };
     let root = DMatrix::from_fn(rows, n, |r, c| match (r.checked_sub(15), c / 15, c % 15) {
         (None, 0, c) => prior.head[r][c],
-        (None, j, c) if c < 6 => prior.coupling[j][r][c],
-        (Some(below), j, c) if c < 6 && below / 6 < j => prior.poses[place(j, below / 6 + 1)][below % 6][c],
+        (None, j, c) if c < 6 => prior.column(j).0[r][c],
+        (Some(below), j, c) if c < 6 && below / 6 < j => prior.column(j).1[below / 6][below % 6][c],
         _ => 0.0,
     });
     let delta = DVector::from_fn(n, |r, _| {
@@ -149,11 +149,11 @@ pub fn schur_step(window: &mut SmallWindow<f64>, prior: &SmallPrior<f64>, settin
     let mut workspace = Box::<SmallWorkspace<f64>>::default();
     workspace.prepare(window, settings);
     assemble(window, prior, &mut workspace, settings, 0.0);
-    assert!(chain::factorize(&mut workspace.hessian, &mut workspace.visual, frames).is_ok());
+    assert!(chain::factorize(&mut workspace.normal.parts(), frames).is_ok());
     for (step, gradient) in workspace.step.iter_mut().zip(&workspace.gradient).take(frames) {
         *step = gradient.map(|value| -value);
     }
-    chain::solve(&workspace.hessian, &workspace.visual, &mut workspace.step[..frames], &mut workspace.visual_gradient);
+    chain::solve(&mut workspace.normal.parts(), &mut workspace.step[..frames], &mut workspace.visual_gradient);
     back_substitute(window, &workspace, settings, 0.0);
     workspace
 }
@@ -167,11 +167,21 @@ fn recipes() -> impl Iterator<Item = Recipe> {
     })
 }
 
-/// The lower block triangle of the workspace, whole.
-fn reduced(workspace: &SmallWorkspace<f64>, frames: usize) -> DMatrix<f64> {
+/// The normal equations of the workspace, whole.
+fn reduced(workspace: &mut SmallWorkspace<f64>, frames: usize) -> DMatrix<f64> {
+    let normal = workspace.normal.parts();
     DMatrix::from_fn(15 * frames, 15 * frames, |r, c| {
         let (r, c) = if r / 15 >= c / 15 { (r, c) } else { (c, r) };
-        workspace.hessian[place(r / 15, c / 15)][r % 15][c % 15]
+        let ((i, a), (j, b)) = ((r / 15, r % 15), (c / 15, c % 15));
+        match (a.checked_sub(6), b.checked_sub(6)) {
+            (None, None) => normal.poses[place(i, j)][a][b],
+            (None, Some(b)) => normal.couplings[place(i, j)][b][a],
+            (Some(a), None) if i == j => normal.couplings[place(i, i)][a][b],
+            (Some(a), None) if i == j + 1 => normal.pose_before[i][a][b],
+            (Some(a), Some(b)) if i == j => normal.own[i][a][b],
+            (Some(a), Some(b)) if i == j + 1 => normal.before[i][a][b],
+            _ => 0.0,
+        }
     })
 }
 
@@ -193,7 +203,7 @@ fn reduced_normal_equations_are_the_schur_complement_of_the_whole() {
         let mut workspace = Box::<SmallWorkspace<f64>>::default();
         workspace.prepare(&world.window, &world.settings);
         let total = assemble(&world.window, &world.prior, &mut workspace, &world.settings, 0.0);
-        let found = reduced(&workspace, frames);
+        let found = reduced(&mut workspace, frames);
         for (r, c) in (0..n).flat_map(|r| (0..n).map(move |c| (r, c))) {
             // Entries differ by ten orders of magnitude: each is judged in the units of its own row and column.
             let scale = (hessian[(r, r)] * hessian[(c, c)]).sqrt();
@@ -249,7 +259,7 @@ fn the_stated_covariance_is_that_of_the_whole_system() {
         let mut workspace = Box::<SmallWorkspace<f64>>::default();
         workspace.prepare(&world.window, &world.settings);
         assemble(&world.window, &world.prior, &mut workspace, &world.settings, 0.0);
-        for (k, value) in reduced(&workspace, whole.frames).diagonal().iter().enumerate() {
+        for (k, value) in reduced(&mut workspace, whole.frames).diagonal().iter().enumerate() {
             hessian[(k, k)] += 1e-11 * value + 1e-6;
         }
         let scale = hessian.diagonal().map(|value| 1.0 / value.sqrt());

@@ -111,7 +111,8 @@ fn the_cost_does_not_see_the_place_and_heading_of_the_world() {
         workspace.prepare(window, &world.settings);
         let found = cost(window, prior, &workspace, &world.settings);
         assemble(window, prior, &mut workspace, &world.settings, 0.0);
-        (found, (0..window.frames.len()).map(|k| workspace.hessian[place(k, k)][0][0]).sum::<f64>())
+        let poses = workspace.normal.parts().poses;
+        (found, (0..window.frames.len()).map(|k| poses[place(k, k)][0][0]).sum::<f64>())
     };
     let (before, information) = cost_of(&world.window, &world.prior);
     let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 2.1);

@@ -9,7 +9,7 @@ use std::vec::Vec;
 use nalgebra::{DMatrix, DVector};
 
 use super::dense::{Dense, dense, dense_step, schur_step};
-use super::world::{Recipe, SmallPrior, SmallWindow, SmallWorkspace, World, copy, copy_prior, state_error};
+use super::world::{Recipe, SmallPrior, SmallWindow, SmallWorkspace, World, copy, state_error};
 use crate::imu::testing::Normal;
 use crate::real::Real;
 use crate::robust::kernel::Kernel;
@@ -88,7 +88,7 @@ fn recipe(seed: u64) -> Recipe {
 fn marginalised_is_batch() {
     for seed in 0..6 {
         let world = World::<f64>::new(&recipe(seed));
-        let (mut window, mut prior) = (copy(&world.window), copy_prior(&world.prior));
+        let (mut window, mut prior) = (copy(&world.window), world.prior.clone());
         let newest = window.frames.len() - 1;
         let leaving = window.landmarks.iter().filter(|landmark| leaves(landmark, newest)).count();
         marginalise(&mut window, &mut prior, &world.settings);
@@ -106,7 +106,7 @@ fn marginalised_twice_is_batch_at_the_same_first_estimates() {
         let mut world = World::<f64>::new(&recipe(seed));
         marginalise(&mut world.window, &mut world.prior, &world.settings);
         world.disturb(100 + seed, 0.1);
-        let (mut window, mut prior) = (copy(&world.window), copy_prior(&world.prior));
+        let (mut window, mut prior) = (copy(&world.window), world.prior.clone());
         marginalise(&mut window, &mut prior, &world.settings);
         let mut before = copy(&world.window);
         // The leaving frame and the one that entered got their first estimates during the second marginalisation.
@@ -135,7 +135,7 @@ fn leaving_rows(whole: &Dense, window: &SmallWindow<f64>) -> (DMatrix<f64>, DVec
 fn the_prior_costs_what_the_eliminated_factors_cost() {
     for seed in 0..4 {
         let world = World::<f64>::new(&recipe(seed));
-        let (mut window, mut prior) = (copy(&world.window), copy_prior(&world.prior));
+        let (mut window, mut prior) = (copy(&world.window), world.prior.clone());
         marginalise(&mut window, &mut prior, &world.settings);
         let whole = dense(&batch(&world.window, &window), &world.prior, &world.settings);
         let whole_window = batch(&world.window, &window);
@@ -171,7 +171,7 @@ fn the_prior_costs_what_the_eliminated_factors_cost() {
 #[test]
 fn recent_frames_keep_out_of_the_prior() {
     let world = World::<f64>::new(&recipe(2));
-    let (mut window, mut prior) = (copy(&world.window), copy_prior(&world.prior));
+    let (mut window, mut prior) = (copy(&world.window), world.prior.clone());
     let mut workspace = Box::<SmallWorkspace<f64>>::default();
     marginalize_oldest(&mut window, &mut prior, &mut workspace, &world.settings, 3);
     assert_eq!(prior.frames, 2);

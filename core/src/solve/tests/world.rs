@@ -15,7 +15,7 @@ use crate::storage::blocks::pairs;
 use crate::track::TrackId;
 use crate::window::{CameraPose, Frame, Landmark, NormalizedPoint, Window};
 
-pub const FRAMES: usize = 7;
+pub const FRAMES: usize = 8;
 pub const PAIRS: usize = pairs(FRAMES);
 pub const POINTS: usize = 48;
 /// One over the standard deviation of a corner on the plane z = 1: one pixel of EuRoC's camera.
@@ -192,17 +192,4 @@ fn see(anchor: &CameraPose<f64>, target: &CameraPose<f64>, direction: &Vector3<f
 /// The same window once more.
 pub fn copy<T: Real>(window: &SmallWindow<T>) -> SmallWindow<T> {
     Window { frames: window.frames.clone(), landmarks: window.landmarks.clone() }
-}
-
-/// The same prior once more.
-pub fn copy_prior<T: Real>(prior: &SmallPrior<T>) -> SmallPrior<T> {
-    Prior {
-        head: prior.head,
-        coupling: prior.coupling,
-        poses: prior.poses,
-        right_head: prior.right_head,
-        right: prior.right,
-        frames: prior.frames,
-        origin: prior.origin,
-    }
 }

@@ -39,7 +39,7 @@ const LOOKS_S: [f64; 3] = [1.5, 4.0, 7.0];
 const START_S: f64 = 5.0;
 
 fn recording(seed: u64, rest_s: f64, duration_s: f64) -> Recording {
-    let kind = if seed % 2 == 0 { MotionKind::Medium } else { MotionKind::Difficult };
+    let kind = if seed.is_multiple_of(2) { MotionKind::Medium } else { MotionKind::Difficult };
     let config = SimulationConfig {
         motion: AnalyticConfig { kind, duration_s, rest_s, ..AnalyticConfig::default() },
         features: FeatureConfig { count: 80, outlier_share: 0.0, ..FeatureConfig::default() },

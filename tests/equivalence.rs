@@ -7,7 +7,7 @@ mod support {
 }
 
 use libella_host::sim::MotionKind;
-use support::flight::{fly, on_all_cores, real_config};
+use support::flight::{fly, on_all_cores, simulated_config};
 use support::motion::Script;
 use support::tolerance::{ATE_GRAIN_M, ATE_VICON_ROOM_M, SCALAR_SHARE};
 
@@ -16,8 +16,8 @@ fn single_precision_is_as_accurate_as_double() {
     let jobs = [(MotionKind::Easy, 1.5, 1), (MotionKind::Medium, 1.5, 2), (MotionKind::Difficult, 0.0, 3), (MotionKind::FastYaw, 1.5, 4)];
     let ates = on_all_cores(&jobs, |(kind, rest_s, seed)| {
         let recording = Script { kind: *kind, rest_s: *rest_s, duration_s: 20.0, seed: *seed, ..Script::default() }.recording();
-        let wide = fly::<f64>(&recording, real_config(&recording));
-        let narrow = fly::<f32>(&recording, real_config(&recording));
+        let wide = fly::<f64>(&recording, simulated_config(&recording));
+        let narrow = fly::<f32>(&recording, simulated_config(&recording));
         for flown in [&wide, &narrow] {
             assert_eq!(flown.losses(), 0, "{kind:?} {seed}: lost");
         }
@@ -38,7 +38,7 @@ fn single_precision_is_as_accurate_as_double() {
 fn repetition_repeats() {
     let flown = on_all_cores(&[(), ()], |()| {
         let recording = Script { duration_s: 8.0, ..Script::default() }.recording();
-        fly::<f32>(&recording, real_config(&recording))
+        fly::<f32>(&recording, simulated_config(&recording))
     });
     assert!(flown[0].states.len() > 100);
     assert_eq!(flown[0].outcomes, flown[1].outcomes);

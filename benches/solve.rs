@@ -199,6 +199,7 @@ fn factorize<T: Real>(criterion: &mut Criterion, scalar: &str) {
     }
     for i in 0..N {
         let block: &mut Block<T, 15> = &mut matrix[place(i, i)];
+        #[allow(clippy::needless_range_loop)] // k names a diagonal entry
         for k in 0..15 {
             block[k][k] = T::of(100.0);
         }

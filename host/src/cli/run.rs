@@ -21,7 +21,7 @@ pub(crate) struct Arguments {
     /// Configuration file; `libella config` prints one to start from.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Folder for the results [default: out/<name of the recording>].
+    /// Folder for the results [default: out/ and the name of the recording].
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
     /// Number type of the estimator, `f64` or `f32`; overrides the configuration.

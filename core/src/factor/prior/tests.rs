@@ -127,6 +127,7 @@ fn frames_beyond_the_prior_are_free() {
     other[3].state.position_in_world.x += 100.0;
     assert_eq!(prior.cost(&frames).to_bits(), prior.cost(&other).to_bits());
     // And of the others all but the oldest are known by their poses alone.
+    #[allow(clippy::needless_range_loop)] // k also names rows of the matrix
     for k in 1..3 {
         assert!(hessian.rows(15 * k + 6, 9).iter().chain(gradient.rows(15 * k + 6, 9).iter()).all(|value| *value == 0.0));
         other[k].state.velocity_in_world.x += 100.0;

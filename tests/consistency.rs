@@ -83,8 +83,7 @@ impl World {
 }
 
 /// What the covariance leaves out.
-const WHY: &str =
-    "for bearings count as known, observations are taken out by their residual, and factors are linear where they were first evaluated";
+const WHY: &str = "for landmarks join when their depth is known to one part in four, where they are far from linear";
 const INDEFINITE: &str = "more is claimed to be known of the world's place than the prior says";
 
 /// NEES of the whole pose (6), of the rotation alone (3) and of the position alone (3).

@@ -57,10 +57,11 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             let camera = self.settings.body_from_camera.rotation;
             camera.inverse() * self.inertial.rotation(&bias, last, stamp).inverse() * camera
         });
-        self.last_image = Some(stamp);
         if self.front_end.process(image, pyramids, &self.camera, rotation).is_err() {
+            self.window.frames.pop();
             return Err(InputError::PyramidTooSmall { bytes: BYTES });
         }
+        self.last_image = Some(stamp);
         for i in 0..self.front_end.tracks().len() {
             let Some(observation) = self.front_end.observations::<T>().nth(i) else { break };
             self.observe(&observation);

@@ -1,18 +1,23 @@
 //! A room made of rectangles.
 //!
 //! Walls, boxes and boards are all rectangles that can be seen from one side. A ray meets the nearest of them; that answers which
-//! landmark is hidden, where a pixel lands and which plane it lies on.
+//! landmark is hidden, where a pixel lands and which plane it lies on. The room stands still; what moves in it is kept apart, see [`Mover`].
 
+mod block;
 mod furniture;
 mod material;
+mod mover;
 mod quad;
 mod room;
 #[cfg(test)]
 mod tests;
+mod traffic;
 
 pub use material::Material;
+pub use mover::{Mover, Swing};
 pub use quad::{Hit, Quad};
 pub use room::RoomConfig;
+pub use traffic::MOST_MOVERS;
 
 use nalgebra::Vector3;
 

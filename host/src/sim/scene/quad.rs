@@ -1,6 +1,6 @@
 //! Rectangles seen from one side, and the boxes they make up.
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Isometry3, Rotation3, Vector3};
 
 use super::Material;
 
@@ -38,6 +38,18 @@ impl Quad {
     pub fn new(corner: Vector3<f64>, side_u: Vector3<f64>, side_v: Vector3<f64>, material: Material) -> Self {
         let (axis_u, axis_v) = (side_u.normalize(), side_v.normalize());
         Self { corner, axis_u, axis_v, normal: axis_u.cross(&axis_v), size_m: [side_u.norm(), side_v.norm()], material }
+    }
+
+    /// The same rectangle seen from another frame.
+    #[must_use]
+    pub fn moved(&self, pose: &Isometry3<f64>) -> Self {
+        Self {
+            corner: pose.transform_point(&self.corner.into()).coords,
+            axis_u: pose.rotation * self.axis_u,
+            axis_v: pose.rotation * self.axis_v,
+            normal: pose.rotation * self.normal,
+            ..*self
+        }
     }
 
     /// The point at `(u, v)` metres from the corner.
@@ -85,7 +97,6 @@ pub(in crate::sim) enum Hidden {
     /// It is close to a wall.
     Back,
     /// All sides can be seen.
-    #[cfg(test)]
     Nothing,
 }
 

@@ -3,7 +3,6 @@
 use nalgebra::Vector3;
 
 use super::{Material, Quad, Scene};
-use crate::sim::SimError;
 use crate::sim::random::Random;
 
 /// The size and filling of a room.

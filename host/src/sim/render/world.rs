@@ -49,8 +49,7 @@ impl World {
         quad >= self.scene.quads.len() && quad < self.surfaces.len()
     }
 
-    /// All rectangles in the order of their numbers as a camera sees them, each with the pose of the camera's inverse in the frame
-    /// that it is given in.
+    /// All rectangles in the order of their numbers, each with `T_CF` of the frame that it is given in: the world, or its mover's.
     pub(super) fn rectangles(&self, moment: &Moment) -> impl Iterator<Item = (&Quad, Isometry3<f64>)> {
         let camera_from_world = moment.world_from_camera.inverse();
         let seconds = moment.seconds;

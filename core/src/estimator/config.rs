@@ -12,6 +12,10 @@ pub struct EstimatorConfig<T: Real> {
     pub imu_noise_inflation: T,
     /// Factor on the random walks of the biases.
     pub imu_walk_inflation: T,
+    /// Largest angular rate that the gyro can read, rad/s: readings at the end of it are hardly trusted.
+    pub gyro_range_rad_s: T,
+    /// Largest specific force that the accelerometer can read, m/s².
+    pub accel_range_m_s2: T,
     /// Magnitude of gravity, m/s².
     pub gravity_m_s2: T,
     /// Standard deviation of a corner's position, px.
@@ -67,6 +71,8 @@ impl<T: Real> Default for EstimatorConfig<T> {
             imu_noise: ImuNoise::adis16448(),
             imu_noise_inflation: T::of(8.0),
             imu_walk_inflation: T::of(1.5),
+            gyro_range_rad_s: T::of(17.45),
+            accel_range_m_s2: T::of(176.5),
             gravity_m_s2: T::of(9.81),
             sigma_px: T::of(0.4),
             huber: T::of(2.0),

@@ -12,20 +12,43 @@ use crate::time::{Span, Timestamp};
 /// Longest time between two samples that still counts as continuous.
 const LONGEST_INTERVAL: Span = Span::from_millis(40);
 
+/// A reading this near the end of the range counts as cut off, in shares of the range.
+const SATURATED: f64 = 0.995;
+/// What a reading that was cut off leaves unsaid, in multiples of the white noise.
+const SATURATED_NOISE: f64 = 100.0;
+
 /// The newest `SAMPLES` samples, oldest first.
 #[derive(Debug)]
 pub struct InertialHistory<T: Real, const SAMPLES: usize> {
     samples: Ring<ImuSample<T>, SAMPLES>,
+    /// Largest readings of the gyro (rad/s) and the accelerometer (m/s²).
+    range: (T, T),
 }
 
 impl<T: Real, const SAMPLES: usize> Default for InertialHistory<T, SAMPLES> {
     fn default() -> Self {
         let nothing = ImuSample { stamp: Timestamp::from_nanos(0), gyro_rad_s: Vector3::zeros(), accel_m_s2: Vector3::zeros() };
-        Self { samples: Ring::filled_with(nothing) }
+        Self { samples: Ring::filled_with(nothing), range: (T::of(1e30), T::of(1e30)) }
     }
 }
 
 impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
+    /// For a sensor whose readings end at `gyro_rad_s` and `accel_m_s2`.
+    pub fn with_range(gyro_rad_s: T, accel_m_s2: T) -> Self {
+        Self { range: (gyro_rad_s, accel_m_s2), ..Self::default() }
+    }
+
+    /// Whether one of the readings is at the end of its range: the truth lies somewhere beyond.
+    fn is_saturated(&self, sample: &ImuSample<T>) -> bool {
+        sample.gyro_rad_s.amax() >= self.range.0 * T::of(SATURATED) || sample.accel_m_s2.amax() >= self.range.1 * T::of(SATURATED)
+    }
+
+    /// Samples of an interval that are at the end of the range.
+    #[must_use]
+    pub fn saturated(&self, from: Timestamp, to: Timestamp) -> usize {
+        self.samples.iter().filter(|sample| sample.stamp > from && sample.stamp <= to && self.is_saturated(sample)).count()
+    }
+
     /// Adds a sample; the oldest makes room once it lies before `integrated_until`.
     pub fn push(&mut self, sample: ImuSample<T>, integrated_until: Option<Timestamp>) -> Result<(), InputError> {
         if !sample.is_finite() {
@@ -85,6 +108,8 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
             // Over a gap the rate between two samples is a guess: ten times the noise.
             let is_gap = (end.stamp - start.stamp).as_nanos() > LONGEST_INTERVAL.as_nanos();
             let noise = if is_gap { &noise.scaled(T::of(10.0)) } else { noise };
+            let cut_off = self.is_saturated(&start) || self.is_saturated(&end);
+            let noise = if cut_off { &noise.with_white_scaled(T::of(SATURATED_NOISE)) } else { noise };
             // Pairs come in order, each newer than the last, so none is refused.
             let _ = integral.integrate(noise, &start, &end);
         }

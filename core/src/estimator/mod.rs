@@ -81,7 +81,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
                 rest_sigma_m_s: config.rest_sigma_m_s,
                 behind_camera_cost: T::of(100.0),
             },
-            inertial: InertialHistory::default(),
+            inertial: InertialHistory::with_range(config.gyro_range_rad_s, config.accel_range_m_s2),
             window: Window::default(),
             prior: Prior::default(),
             workspace: Workspace::default(),
@@ -106,6 +106,9 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         }
         self.pending = false;
         self.report = StepReport::default();
+        if let [.., before, newest] = self.window.frames.as_slice() {
+            self.report.saturated = self.inertial.saturated(before.stamp, newest.stamp);
+        }
         match self.health {
             Health::Initialising(_) | Health::Lost => self.step_starting(budget),
             Health::Tracking | Health::Degraded => self.step_running(budget),

@@ -97,8 +97,12 @@ pub struct StepReport<T: Real> {
     pub tracked: usize,
     /// Observations taken out as outliers.
     pub outliers: usize,
+    /// Robust cost per observation that was kept; about 0.75 where noise alone is left.
+    pub mean_cost: T,
     /// Whether a keyframe was marginalised.
     pub marginalized: bool,
+    /// Inertial samples since the image before that were at the end of their range.
+    pub saturated: usize,
     /// Why the moving start refused, where it did.
     pub init_error: Option<InitError<T>>,
 }
@@ -106,7 +110,7 @@ pub struct StepReport<T: Real> {
 impl<T: Real> Default for StepReport<T> {
     fn default() -> Self {
         let solver = SolveReport { initial_cost: T::ZERO, final_cost: T::ZERO, iterations: 0, accepted: 0 };
-        Self { solver, tracked: 0, outliers: 0, marginalized: false, init_error: None }
+        Self { solver, tracked: 0, outliers: 0, mean_cost: T::ZERO, marginalized: false, saturated: 0, init_error: None }
     }
 }
 

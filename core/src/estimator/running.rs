@@ -4,9 +4,15 @@ use nalgebra::Vector3;
 
 use super::{Estimator, FrameOutcome, Health, StepBudget};
 use crate::factor::reprojection;
+use crate::imu::ImuBias;
 use crate::real::Real;
 use crate::solve::optimize;
 
+/// A bias farther from zero than this many of its first standard deviations is no bias, but a contradiction between camera and
+/// inertial samples.
+const MOST_SIGMA: f64 = 4.0;
+/// Cost per observation kept above which the solution contradicts the corners; 0.75 where noise alone is left.
+const MOST_MEAN_COST: f64 = 2.0;
 /// Images in a row that the solution may contradict before it counts as lost: half a second at 20 Hz.
 const MOST_CONTRADICTIONS: u8 = 10;
 
@@ -33,9 +39,12 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         } else {
             self.blind_since = None;
         }
-        self.health = if blind { Health::Degraded } else { Health::Tracking };
+        // Corners without a depth tell of rotation only, which is all that a body at rest needs.
+        let at_rest = self.window.frames.last().is_some_and(|newest| newest.at_rest);
+        let coasting = blind || (self.report.tracked < self.config.least_tracked && !at_rest);
+        self.health = if coasting { Health::Degraded } else { Health::Tracking };
         let kept = self.slide();
-        match (blind, kept) {
+        match (coasting, kept) {
             (true, _) => FrameOutcome::Coasted,
             (false, true) => FrameOutcome::NewKeyframe,
             (false, false) => FrameOutcome::Tracked,
@@ -68,7 +77,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         let gate = self.config.outlier_chi2;
         let newest = self.window.frames.len().saturating_sub(1);
         let geometry = &self.workspace.geometry;
-        let mut removed = 0;
+        let (mut removed, mut kept, mut kept_cost) = (0, T::ZERO, T::ZERO);
         for landmark in self.window.landmarks.iter_mut().filter(|landmark| landmark.active) {
             let anchor = landmark.anchor();
             let direction = landmark.direction();
@@ -80,8 +89,12 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
                 } else {
                     reprojection::residual(geometry.pair(anchor, frame), &direction, inverse_depth, point)
                 };
-                if !residual.is_some_and(|residual| residual.norm_squared() < gate) {
-                    contradicted |= 1 << frame;
+                match residual.map(|residual| residual.norm_squared()).filter(|squared| *squared < gate) {
+                    Some(squared) => {
+                        kept += T::one();
+                        kept_cost += self.settings.kernel.rho(squared) * T::of(0.5);
+                    }
+                    None => contradicted |= 1 << frame,
                 }
             }
             removed += contradicted.count_ones() as usize;
@@ -95,6 +108,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             }
         }
         self.report.outliers = removed;
+        // As if twenty more had been seen exactly: a handful says little.
+        self.report.mean_cost = kept_cost / (kept + T::of(20.0));
         for landmark in self.window.landmarks.iter().filter(|landmark| landmark.condemned) {
             self.front_end.drop_tracks(|track| track.id == landmark.track);
         }
@@ -113,18 +128,19 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.window.landmarks.iter().filter(|landmark| landmark.is_seen_in(newest) && landmark.observations() > 1).count()
     }
 
-    /// Whether the solution explains the corners badly: far more than noise is left, or most of them were taken out.
+    /// Whether the solution explains the corners badly: far more than noise is left, or most of them were taken out; or explains
+    /// them by biases that no sensor of this kind has.
     fn contradicted(&self) -> bool {
-        self.is_cost_above(T::of(3.0)) || self.report.outliers > self.report.tracked + 20
+        self.report.mean_cost > T::of(MOST_MEAN_COST)
+            || self.report.outliers > self.report.tracked + 20
+            || self.window.frames.last().is_some_and(|newest| !self.is_plausible(&newest.state.bias))
     }
 
-    /// Whether the cost per observation is above `most`; about 0.75 where noise alone is left.
-    pub(super) fn is_cost_above(&self, most: T) -> bool {
-        let residuals: usize =
-            self.window.landmarks.iter().filter(|landmark| landmark.active).map(|landmark| landmark.observations()).sum();
-        #[allow(clippy::cast_precision_loss)]
-        let expected = T::of((residuals + 20) as f64);
-        self.report.solver.final_cost > expected * most
+    /// Whether biases are within what was expected of them at the start.
+    pub(super) fn is_plausible(&self, bias: &ImuBias<T>) -> bool {
+        let sigma = &self.config.first_sigma;
+        bias.gyro_rad_s.norm() < sigma.gyro_bias_rad_s * T::of(MOST_SIGMA)
+            && bias.accel_m_s2.norm() < sigma.accel_bias_m_s2 * T::of(MOST_SIGMA)
     }
 
     /// Integrates the samples of a frame anew where the bias has moved too far for the first-order correction.

@@ -169,7 +169,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         for landmark in &mut self.window.landmarks {
             landmark.active = false;
         }
-        let sigma = &self.config.first_sigma;
+        let sigma = self.config.first_sigma;
         let first = [sigma.tilt_rad, sigma.velocity_m_s, sigma.gyro_bias_rad_s, sigma.accel_bias_m_s2];
         let mut origin = states[0];
         origin.bias.accel_m_s2 = Vector3::zeros();
@@ -180,10 +180,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         }
         // The whole window has to agree, or what came out means nothing: wrong extrinsics, wrong stamps.
         let bias = self.window.frames[0].state.bias;
-        let agrees = self.tracked_landmarks() * 2 > self.followed_corners()
-            && !self.is_cost_above(T::one())
-            && bias.gyro_rad_s.norm() < T::of(0.4)
-            && bias.accel_m_s2.norm() < T::of(0.8);
+        let agrees = self.tracked_landmarks() * 2 > self.followed_corners() && self.report.mean_cost < T::one() && self.is_plausible(&bias);
         if self.tracked_landmarks() < self.config.least_tracked || !agrees || self.diverged() {
             self.health = Health::Initialising(Waiting::Agreement);
             self.prior.clear();

@@ -83,6 +83,20 @@ fn an_image_of_another_size_is_refused() {
     assert!(estimator.window().frames.is_empty());
 }
 
+/// Pyramids without room for one level: the image is refused, and the next one finds the estimator as it was.
+#[test]
+fn an_image_that_the_pyramids_cannot_hold_leaves_nothing_behind() {
+    let mut estimator = estimator();
+    assert_eq!(estimator.push_imu(level(0)), Ok(()));
+    let pixels = std::vec![0_u8; 752 * 480];
+    let image = ImageView::new(&pixels, 752, 480, 752).unwrap();
+    let mut pyramids: Box<PyramidPair<1024>> = Box::default();
+    assert_eq!(estimator.push_image(at(0), &image, &mut pyramids), Err(InputError::PyramidTooSmall { bytes: 1024 }));
+    assert!(estimator.window().frames.is_empty());
+    assert_eq!(estimator.step(StepBudget::default()), FrameOutcome::NoFrame);
+    assert_eq!(estimator.push_tracks(at(0), &corners()), Ok(()));
+}
+
 #[test]
 fn samples_that_are_no_numbers_or_from_the_past_are_refused() {
     let mut estimator = estimator();

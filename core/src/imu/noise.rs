@@ -28,6 +28,12 @@ impl<T: Real> ImuNoise<T> {
         }
     }
 
+    /// The white noise densities times a factor, the random walks as they are.
+    #[must_use]
+    pub fn with_white_scaled(&self, factor: T) -> Self {
+        Self { gyro_noise_density: self.gyro_noise_density * factor, accel_noise_density: self.accel_noise_density * factor, ..*self }
+    }
+
     /// The ADIS16448 as EuRoC's `imu0/sensor.yaml` states it.
     #[must_use]
     pub fn adis16448() -> Self {

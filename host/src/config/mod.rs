@@ -49,6 +49,10 @@ pub struct EstimatorSection {
     pub imu_noise_inflation: f64,
     /// Factor on the random walks of the biases. Default 1.5.
     pub imu_walk_inflation: f64,
+    /// Largest angular rate that the gyro can read, rad/s: readings at the end of it are hardly trusted. Default 17.45 (1000 deg/s).
+    pub gyro_range_rad_s: f64,
+    /// Largest specific force that the accelerometer can read, m/s^2. Default 176.5 (18 g).
+    pub accel_range_m_s2: f64,
     /// Magnitude of gravity, m/s². Default 9.81.
     pub gravity_m_s2: f64,
     /// Standard deviation of a corner's position, px. Default 0.4.
@@ -142,6 +146,8 @@ impl Default for EstimatorSection {
             iterations: StepBudget::default().iterations,
             imu_noise_inflation: core.imu_noise_inflation,
             imu_walk_inflation: core.imu_walk_inflation,
+            gyro_range_rad_s: core.gyro_range_rad_s,
+            accel_range_m_s2: core.accel_range_m_s2,
             gravity_m_s2: core.gravity_m_s2,
             sigma_px: core.sigma_px,
             huber: core.huber,
@@ -216,6 +222,8 @@ impl Config {
         let positive = [
             ("estimator.imu_noise_inflation", estimator.imu_noise_inflation),
             ("estimator.imu_walk_inflation", estimator.imu_walk_inflation),
+            ("estimator.gyro_range_rad_s", estimator.gyro_range_rad_s),
+            ("estimator.accel_range_m_s2", estimator.accel_range_m_s2),
             ("estimator.gravity_m_s2", estimator.gravity_m_s2),
             ("estimator.sigma_px", estimator.sigma_px),
             ("estimator.huber", estimator.huber),
@@ -269,6 +277,8 @@ impl Config {
             },
             imu_noise_inflation: T::of(estimator.imu_noise_inflation),
             imu_walk_inflation: T::of(estimator.imu_walk_inflation),
+            gyro_range_rad_s: T::of(estimator.gyro_range_rad_s),
+            accel_range_m_s2: T::of(estimator.accel_range_m_s2),
             gravity_m_s2: T::of(estimator.gravity_m_s2),
             sigma_px: T::of(estimator.sigma_px),
             huber: T::of(estimator.huber),

@@ -69,8 +69,8 @@ impl<T: Real> Default for EstimatorConfig<T> {
     fn default() -> Self {
         Self {
             imu_noise: ImuNoise::adis16448(),
-            imu_noise_inflation: T::of(8.0),
-            imu_walk_inflation: T::of(1.5),
+            imu_noise_inflation: T::of(4.0),
+            imu_walk_inflation: T::of(2.0),
             gyro_range_rad_s: T::of(17.45),
             accel_range_m_s2: T::of(176.5),
             gravity_m_s2: T::of(9.81),

@@ -32,6 +32,8 @@ pub fn cost<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usiz
     for landmark in window.landmarks.iter().filter(|landmark| landmark.active) {
         let direction = landmark.direction();
         let anchor = landmark.anchor();
+        // Summed up by landmarks: f32 loses less.
+        let mut own = T::ZERO;
         for (frame, point) in landmark.seen() {
             let squared = if frame == anchor {
                 reprojection::at_anchor(&direction, point).norm_squared()
@@ -39,8 +41,9 @@ pub fn cost<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usiz
                 reprojection::residual(workspace.geometry.pair(anchor, frame), &direction, landmark.inverse_depth, point)
                     .map_or(settings.behind_camera_cost, |residual| residual.norm_squared())
             };
-            total += huber.rho(squared);
+            own += huber.rho(squared);
         }
+        total += own;
     }
     for (pair, i) in window.frames.windows(2).zip(1..) {
         if let ([from, to], Some(root)) = (pair, workspace.imu_square_root(i)) {

@@ -71,7 +71,8 @@ pub fn optimize<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
         workspace.geometry.update(&window.frames, settings);
         let after = cost(window, prior, workspace, settings);
         let decrease = before - after;
-        if decrease >= T::ZERO && after.is_usable() {
+        // Within rounding the costs are the same, and the step is the better judge.
+        if decrease >= -before * T::default_epsilon() * T::of(16.0) && after.is_usable() {
             report.accepted += 1;
             report.final_cost = after;
             let gain = if predicted > T::ZERO { decrease / predicted } else { T::ZERO };

@@ -45,9 +45,9 @@ pub struct Config {
 pub struct EstimatorSection {
     /// Iterations of the solver per image at most. Default 4.
     pub iterations: u8,
-    /// Factor on the white noise densities: what the datasheet leaves out (vibration, scale errors, sampling jitter). Default 8.0.
+    /// Factor on the white noise densities: what the datasheet leaves out (vibration, scale errors, sampling jitter). Default 4.0.
     pub imu_noise_inflation: f64,
-    /// Factor on the random walks of the biases. Default 1.5.
+    /// Factor on the random walks of the biases. Default 2.0.
     pub imu_walk_inflation: f64,
     /// Largest angular rate that the gyro can read, rad/s: readings at the end of it are hardly trusted. Default 17.45 (1000 deg/s).
     pub gyro_range_rad_s: f64,

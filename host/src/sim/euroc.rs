@@ -218,8 +218,8 @@ mod tests {
         };
         let before = worst(&drifting);
         remove_drifts(&mut drifting);
-        // The velocity before the leap is told by one difference: a row of the drift stays, 2 % of it.
-        assert!(before > 0.1 && worst(&drifting) < 0.02 * before, "{before} m became {} m", worst(&drifting));
+        // The velocities beside the leap are told by differences, half a row from it: two percent of the drift stay.
+        assert!(before > 0.1 && worst(&drifting) < 0.03 * before, "{before} m became {} m", worst(&drifting));
         assert_eq!(drifting[ends as usize..], exact[ends as usize..]);
     }
 }

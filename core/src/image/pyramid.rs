@@ -195,6 +195,7 @@ impl<const BYTES: usize> PyramidPair<BYTES> {
     ///
     /// # Errors
     /// When level 0 does not fit; nothing has changed then.
+    #[inline(never)]
     pub fn push(&mut self, image: &ImageView<'_>, max_levels: usize) -> Result<(), PyramidError> {
         let needed = image.width().saturating_mul(image.height());
         if needed > BYTES {

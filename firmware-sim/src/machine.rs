@@ -15,10 +15,10 @@ use cortex_m_semihosting::hio::{HostStream, hstdout};
 use libella_core::profile::{Micro, MicroPyramids};
 
 use libella_firmware_sim::cycles::Clock;
+use libella_firmware_sim::memory;
 use libella_firmware_sim::replay::{HEADER_BYTES, Header, Replay};
 use libella_firmware_sim::schedule::{Plan, fly};
 use libella_firmware_sim::telemetry::{Line, Telemetry};
-use libella_firmware_sim::memory;
 
 /// The one estimator; written once, in place.
 static mut ESTIMATOR: MaybeUninit<Micro> = MaybeUninit::uninit();
@@ -97,7 +97,11 @@ fn main() -> ! {
     paint_stack();
     fly(&replay, plan, estimator, pyramids, &mut clock, &mut telemetry);
     Line::new("stack start").decimal(started).word("peak").decimal(high_water(top)).send(&mut telemetry);
-    Line::new("memory estimator").decimal(size_of::<Micro>() as u32).word("pyramids").decimal(size_of::<MicroPyramids>() as u32).send(&mut telemetry);
+    Line::new("memory estimator")
+        .decimal(size_of::<Micro>() as u32)
+        .word("pyramids")
+        .decimal(size_of::<MicroPyramids>() as u32)
+        .send(&mut telemetry);
     leave(true)
 }
 

@@ -132,7 +132,8 @@ fn ate_m(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> f64 {
     let svd = spread.svd(true, true);
     let (u, v_t) = (svd.u.unwrap(), svd.v_t.unwrap());
     let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v_t).determinant().signum())) * v_t;
-    let squares: f64 = pairs.iter().map(|(estimate, truth)| (rotation * (estimate - of_estimate) - (truth - of_truth)).norm_squared()).sum();
+    let squares: f64 =
+        pairs.iter().map(|(estimate, truth)| (rotation * (estimate - of_estimate) - (truth - of_truth)).norm_squared()).sum();
     (squares / count).sqrt()
 }
 
@@ -148,7 +149,8 @@ fn truth() -> Vec<(i64, Vector3<f64>)> {
 fn accuracy(lines: &[String], skipped_ms: i64) -> f64 {
     let truth = truth();
     let at = |millis: i64| truth.iter().find(|(when, _)| *when == millis + skipped_ms).unwrap().1;
-    let pairs: Vec<_> = lines.iter().filter_map(|line| millis_and_position(line)).map(|(millis, position)| (position, at(millis))).collect();
+    let pairs: Vec<_> =
+        lines.iter().filter_map(|line| millis_and_position(line)).map(|(millis, position)| (position, at(millis))).collect();
     ate_m(&pairs)
 }
 

@@ -8,7 +8,13 @@ use nalgebra::Isometry3;
 
 /// The head of a recording with this many samples and images.
 #[must_use]
-pub fn header(camera: &PinholeRadTan<f64>, body_from_camera: &Isometry3<f64>, noise: &ImuNoise<f64>, samples: usize, images: usize) -> Vec<u8> {
+pub fn header(
+    camera: &PinholeRadTan<f64>,
+    body_from_camera: &Isometry3<f64>,
+    noise: &ImuNoise<f64>,
+    samples: usize,
+    images: usize,
+) -> Vec<u8> {
     let mut bytes = MAGIC.to_vec();
     for count in [samples as u32, images as u32, camera.size_px.0, camera.size_px.1] {
         bytes.extend(count.to_le_bytes());

@@ -10,10 +10,10 @@ use std::error::Error;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
+use libella_core::camera::CameraModel;
 use libella_core::estimator::{EstimatorConfig, FrameOutcome, StepBudget};
 use libella_core::image::ImageView;
 use libella_core::imu::{ImuNoise, ImuSample};
-use libella_core::camera::CameraModel;
 use libella_core::profile::{Micro, MicroPyramids};
 use libella_core::time::{Span, Timestamp};
 use libella_firmware_tools::small;
@@ -54,13 +54,16 @@ fn fly_small(recording: &Recording, config: &Config) -> Result<(Trajectory, usiz
     for event in recording.events(config.dataset.images_ahead)? {
         match event {
             Event::Imu(sample) => {
-                let sample =
-                    ImuSample { stamp: sample.stamp, gyro_rad_s: sample.gyro_rad_s.cast(), accel_m_s2: sample.accel_m_s2.cast() };
+                let sample = ImuSample { stamp: sample.stamp, gyro_rad_s: sample.gyro_rad_s.cast(), accel_m_s2: sample.accel_m_s2.cast() };
                 estimator.push_imu(sample)?;
             }
             Event::Image { stamp, image } => {
                 let pixels = small::shrink(&image?);
-                estimator.push_image(stamp, &ImageView::new(&pixels, small::SIZE_PX.0, small::SIZE_PX.1, small::SIZE_PX.0)?, &mut pyramids)?;
+                estimator.push_image(
+                    stamp,
+                    &ImageView::new(&pixels, small::SIZE_PX.0, small::SIZE_PX.1, small::SIZE_PX.0)?,
+                    &mut pyramids,
+                )?;
                 let outcome = estimator.step(StepBudget::default());
                 lost += usize::from(outcome == FrameOutcome::Lost);
                 if std::env::var_os("VERBOSE").is_some() {
@@ -88,7 +91,9 @@ fn report(name: &str, recording: &Recording, trajectory: &Trajectory, lost: usiz
     let positions: Vec<_> = trajectory
         .poses()
         .iter()
-        .filter_map(|pose| Some((pose.world_from_body.translation.vector, truth.at(pose.stamp, Span::from_millis(100))?.translation.vector)))
+        .filter_map(|pose| {
+            Some((pose.world_from_body.translation.vector, truth.at(pose.stamp, Span::from_millis(100))?.translation.vector))
+        })
         .collect();
     let Some(alignment) = align(&positions) else {
         println!("  {name}: too few poses to align");

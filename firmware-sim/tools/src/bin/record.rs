@@ -24,8 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let flight = &rendered.flight;
     let camera = small::camera(&euroc::camera(0)).ok_or("the rig has no pinhole camera")?;
     let began = flight.imu.first().ok_or("a flight without samples")?.stamp;
-    let mut bytes =
-        recording::header(&camera, &euroc::body_from_camera(0), &flight.imu_noise, flight.imu.len(), flight.frame_stamps.len());
+    let mut bytes = recording::header(&camera, &euroc::body_from_camera(0), &flight.imu_noise, flight.imu.len(), flight.frame_stamps.len());
     bytes.extend(flight.imu.iter().flat_map(recording::sample));
     let renderer = rendered.renderer(0)?;
     let mut truth = String::from("#ms,x_m,y_m,z_m\n");

@@ -1,11 +1,9 @@
 //! What a stage costs, in the unit of the machine's clock.
 
-/// A counter that runs upwards and may overflow.
+/// A counter that runs upwards, and from its end to zero.
 pub trait Clock {
     /// What it shows.
     fn now(&mut self) -> u32;
-    /// Counts from one reading to a later one.
-    fn between(&self, earlier: u32, later: u32) -> u32;
     /// All about one image has been done.
     fn end_of_image(&mut self) {}
 }

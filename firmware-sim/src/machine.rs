@@ -6,6 +6,7 @@
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use core::ptr::{addr_of, addr_of_mut};
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
@@ -44,32 +45,45 @@ impl Telemetry for Semihosting {
     }
 }
 
-/// The system timer: 24 bits, counting down.
-struct SysTick(SYST);
+/// The system timer: 24 bits, counting down; every time it ends, [`WRAPS`] counts one.
+struct Timer;
 
-impl SysTick {
+/// Bits of the system timer.
+const TIMER_BITS: u32 = 24;
+/// How often the system timer has come to its end.
+static WRAPS: AtomicU32 = AtomicU32::new(0);
+
+impl Timer {
     fn new(mut timer: SYST) -> Self {
         timer.set_clock_source(SystClkSource::Core);
-        timer.set_reload(0x00ff_ffff);
+        timer.set_reload((1 << TIMER_BITS) - 1);
         timer.clear_current();
+        timer.enable_interrupt();
         timer.enable_counter();
-        Self(timer)
+        Self
     }
 }
 
-impl Clock for SysTick {
+impl Clock for Timer {
     #[inline(never)]
     fn now(&mut self) -> u32 {
-        SYST::get_current()
-    }
-
-    fn between(&self, earlier: u32, later: u32) -> u32 {
-        earlier.wrapping_sub(later) & 0x00ff_ffff
+        loop {
+            let wraps = WRAPS.load(Ordering::Relaxed);
+            let left = SYST::get_current();
+            if wraps == WRAPS.load(Ordering::Relaxed) {
+                return (wraps << TIMER_BITS).wrapping_add(((1 << TIMER_BITS) - 1) - left);
+            }
+        }
     }
 
     fn end_of_image(&mut self) {
         libella_end_of_image();
     }
+}
+
+#[exception]
+fn SysTick() {
+    WRAPS.fetch_add(1, Ordering::Relaxed);
 }
 
 /// A place in the code that an emulator can wait for.
@@ -83,7 +97,7 @@ extern "C" fn libella_end_of_image() {
 fn main() -> ! {
     let top = paint_stack();
     let (Some(peripherals), Ok(stream)) = (cortex_m::Peripherals::take(), hstdout()) else { leave(false) };
-    let (mut clock, mut telemetry) = (SysTick::new(peripherals.SYST), Semihosting(stream));
+    let (mut clock, mut telemetry) = (Timer::new(peripherals.SYST), Semihosting(stream));
     calibrate(&mut clock, &mut telemetry);
     let mut buffer = [0_u8; 80];
     let Some((replay, plan)) = read_command_line(&mut buffer).and_then(parse) else {
@@ -106,12 +120,12 @@ fn main() -> ! {
 }
 
 /// How many instructions a tick of the clock is, from a loop of known length: ticks of a million instructions.
-fn calibrate(clock: &mut SysTick, telemetry: &mut Semihosting) {
+fn calibrate(clock: &mut Timer, telemetry: &mut Semihosting) {
     let begun = clock.now();
     // SAFETY: counts a register down; two instructions a round.
     unsafe { core::arch::asm!("1: subs {0}, {0}, #1", "bne 1b", inout(reg) 500_000_u32 => _) };
     let ended = clock.now();
-    Line::new("ticks").decimal(clock.between(begun, ended)).send(telemetry);
+    Line::new("ticks").decimal(ended.wrapping_sub(begun)).send(telemetry);
 }
 
 /// Fills the unused stack, and says where its top is.

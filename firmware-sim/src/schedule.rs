@@ -69,7 +69,7 @@ pub fn fly(
             let begun = clock.now();
             let pushed = estimator.push_imu(sample);
             let ended = clock.now();
-            cost.imu = cost.imu.wrapping_add(clock.between(begun, ended));
+            cost.imu = cost.imu.wrapping_add(ended.wrapping_sub(begun));
             let refusal = pushed.err().as_ref().map(telemetry::refusal);
             if let Some(reason) = refusal {
                 summary.refused += 1;
@@ -84,7 +84,7 @@ pub fn fly(
             let begun = clock.now();
             let pushed = estimator.push_image(stamp, &image, pyramids);
             let ended = clock.now();
-            cost.image = clock.between(begun, ended);
+            cost.image = ended.wrapping_sub(begun);
             if let Err(error) = pushed {
                 summary.refused += 1;
                 at("image", began, now).word("refused").word(telemetry::refusal(&error)).send(telemetry);
@@ -93,7 +93,7 @@ pub fn fly(
             let begun = clock.now();
             let outcome = estimator.step(StepBudget::default());
             let ended = clock.now();
-            cost.step = clock.between(begun, ended);
+            cost.step = ended.wrapping_sub(begun);
             let line = at("image", began, now).word(telemetry::outcome(outcome));
             match estimator.state().filter(|state| state.stamp == stamp) {
                 Some(estimate) => {

@@ -58,10 +58,6 @@ impl Clock for NoClock {
     fn now(&mut self) -> u32 {
         0
     }
-
-    fn between(&self, _: u32, _: u32) -> u32 {
-        0
-    }
 }
 
 /// Telemetry into memory that is there already.

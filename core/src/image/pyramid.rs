@@ -128,8 +128,10 @@ impl<const BYTES: usize> Pyramid<BYTES> {
 
     fn fill(&mut self, image: &ImageView<'_>, max_levels: usize) {
         let (width, height) = (image.width(), image.height());
-        for (y, row) in self.pixels.chunks_exact_mut(width).take(height).enumerate() {
-            row.copy_from_slice(image.row(y));
+        for (y, row) in self.pixels.chunks_exact_mut(width.max(1)).take(height).enumerate() {
+            for (pixel, given) in row.iter_mut().zip(image.row(y)) {
+                *pixel = *given;
+            }
         }
         self.extents[0] = Extent { start: 0, width, height };
         self.levels = 1;
@@ -140,9 +142,9 @@ impl<const BYTES: usize> Pyramid<BYTES> {
             if extent.width < MIN_LEVEL_PX || extent.height < MIN_LEVEL_PX || start + extent.area() > BYTES {
                 break;
             }
-            let (source, target) = self.pixels.split_at_mut(start);
-            let source = &source[below.start..];
-            for (row, pair) in target.chunks_exact_mut(extent.width).take(extent.height).zip(source.chunks_exact(2 * below.width)) {
+            let Some((source, target)) = self.pixels.split_at_mut_checked(start) else { break };
+            let source = source.get(below.start..).unwrap_or_default();
+            for (row, pair) in target.chunks_exact_mut(extent.width).take(extent.height).zip(source.chunks_exact((2 * below.width).max(1))) {
                 let (upper, lower) = pair.split_at(below.width);
                 halve_rows(upper, lower, row);
             }
@@ -169,7 +171,7 @@ fn halve_rows(upper: &[u8], lower: &[u8], out: &mut [u8]) {
 #[derive(Debug, Clone)]
 pub struct PyramidPair<const BYTES: usize> {
     pyramids: [Pyramid<BYTES>; 2],
-    current: usize,
+    current_is_second: bool,
 }
 
 impl<const BYTES: usize> Default for PyramidPair<BYTES> {
@@ -182,7 +184,7 @@ impl<const BYTES: usize> PyramidPair<BYTES> {
     /// Two empty pyramids; fit for a `static`.
     #[must_use]
     pub const fn new() -> Self {
-        Self { pyramids: [Pyramid::EMPTY, Pyramid::EMPTY], current: 0 }
+        Self { pyramids: [Pyramid::EMPTY, Pyramid::EMPTY], current_is_second: false }
     }
 
     /// Bytes per image.
@@ -201,8 +203,10 @@ impl<const BYTES: usize> PyramidPair<BYTES> {
         if needed > BYTES {
             return Err(PyramidError::TooLarge { needed, available: BYTES });
         }
-        self.current = 1 - self.current;
-        self.pyramids[self.current].fill(image, max_levels);
+        self.current_is_second = !self.current_is_second;
+        let [first, second] = &mut self.pyramids;
+        let current = if self.current_is_second { second } else { first };
+        current.fill(image, max_levels);
         Ok(())
     }
 
@@ -216,13 +220,15 @@ impl<const BYTES: usize> PyramidPair<BYTES> {
     /// A level of the current image, `None` beyond the last.
     #[must_use]
     pub fn current(&self, level: usize) -> Option<Level<'_>> {
-        self.pyramids[self.current].level(level)
+        let [first, second] = &self.pyramids;
+        if self.current_is_second { second.level(level) } else { first.level(level) }
     }
 
     /// A level of the previous image, `None` beyond the last.
     #[must_use]
     pub fn previous(&self, level: usize) -> Option<Level<'_>> {
-        self.pyramids[1 - self.current].level(level)
+        let [first, second] = &self.pyramids;
+        if self.current_is_second { first.level(level) } else { second.level(level) }
     }
 
     /// Levels that both images have; zero when there is no previous image or its size was another.

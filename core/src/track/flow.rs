@@ -127,10 +127,12 @@ fn source<'a, const N: usize, const MARGIN: usize>(
     if x >= 0 && y >= 0 && x as usize + side <= width && y as usize + side <= height {
         return Some(Source { pixels: level.pixels().get(y as usize * width + x as usize..)?, stride: width, fraction });
     }
+    // Not `clamp`, which panics where it cannot tell that an image has pixels.
+    let within = |place: i32, size: usize| place.max(0).min(size as i32 - 1) as usize;
     for (j, target) in block.iter_mut().take(side).enumerate() {
-        let row = level.row((y + j as i32).clamp(0, height as i32 - 1) as usize);
+        let row = level.row(within(y + j as i32, height));
         for (i, target) in target.iter_mut().take(side).enumerate() {
-            *target = *row.get((x + i as i32).clamp(0, width as i32 - 1) as usize)?;
+            *target = *row.get(within(x + i as i32, width))?;
         }
     }
     Some(Source { pixels: block.as_flattened(), stride: BLOCK, fraction })

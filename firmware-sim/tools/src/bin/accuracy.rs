@@ -1,9 +1,9 @@
 //! `Micro` on small images beside `Desktop` on the large ones of the same recording.
 //!
 //! ```sh
-//! cargo run --release --manifest-path firmware-sim/Cargo.toml -p libella-firmware-tools --bin accuracy -- RECORDING...
+//! cargo run --release --manifest-path firmware-sim/Cargo.toml -p libella-firmware-tools --bin accuracy -- [SETTING=VALUE...] RECORDING...
 //! ```
-//! A recording is a EuRoC folder. Prints, for each, how many images have a pose, when the first came, and the error of the causal
+//! A recording is a EuRoC folder. A setting is a number of `EstimatorConfig` and holds for `Micro` alone. Prints, for each, how many images have a pose, when the first came, and the error of the causal
 //! positions after SE(3) alignment without scale.
 
 use std::error::Error;
@@ -25,11 +25,19 @@ use nalgebra::{Isometry3, Vector3};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let config = Config::default();
-    for folder in std::env::args_os().skip(1) {
-        let recording = dataset::open(Path::new(&folder), &config.dataset)?;
+    let mut small = EstimatorConfig::default();
+    for argument in std::env::args().skip(1) {
+        if let Some((name, value)) = argument.split_once('=') {
+            *setting(&mut small, name).ok_or_else(|| format!("no setting {name}"))? = value.parse()?;
+            continue;
+        }
+        let recording = dataset::open(Path::new(&argument), &config.dataset)?;
         println!("{}", recording.name);
-        let (trajectory, lost) = fly_small(&recording, &config)?;
+        let (trajectory, lost) = fly_small(&recording, &config, small)?;
         report("Micro, 160x120, f32", &recording, &trajectory, lost);
+        if std::env::var_os("MICRO_ONLY").is_some() {
+            continue;
+        }
         let run = pipeline::run(&recording, &config, &AtomicBool::new(false), |_| ())?;
         let lost = run.frames.iter().filter(|frame| frame.outcome == Some(FrameOutcome::Lost)).count();
         report("Desktop, f64", &recording, &run.trajectory(), lost);
@@ -37,7 +45,25 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn fly_small(recording: &Recording, config: &Config) -> Result<(Trajectory, usize), Box<dyn Error>> {
+fn setting<'a>(config: &'a mut EstimatorConfig<f32>, name: &str) -> Option<&'a mut f32> {
+    Some(match name {
+        "sigma_px" => &mut config.sigma_px,
+        "huber" => &mut config.huber,
+        "outlier_chi2" => &mut config.outlier_chi2,
+        "keyframe_parallax_px" => &mut config.keyframe_parallax_px,
+        "keyframe_shared_ratio" => &mut config.keyframe_shared_ratio,
+        "keyframe_interval_s" => &mut config.keyframe_interval_s,
+        "depth_significance" => &mut config.depth_significance,
+        "imu_noise_inflation" => &mut config.imu_noise_inflation,
+        "imu_walk_inflation" => &mut config.imu_walk_inflation,
+        "initialisation_scale_sigma" => &mut config.initialisation_scale_sigma,
+        "longest_initialisation_s" => &mut config.longest_initialisation_s,
+        "rest_motion_px" => &mut config.rest_motion_px,
+        _ => return None,
+    })
+}
+
+fn fly_small(recording: &Recording, config: &Config, settings: EstimatorConfig<f32>) -> Result<(Trajectory, usize), Box<dyn Error>> {
     let rig = &recording.rig;
     let camera = small::camera(&rig.camera).ok_or("no pinhole camera")?;
     let n = &rig.imu_noise;
@@ -47,7 +73,7 @@ fn fly_small(recording: &Recording, config: &Config) -> Result<(Trajectory, usiz
         gyro_random_walk: n.gyro_random_walk as f32,
         accel_random_walk: n.accel_random_walk as f32,
     };
-    let settings = EstimatorConfig { imu_noise, ..EstimatorConfig::default() };
+    let settings = EstimatorConfig { imu_noise, ..settings };
     let mut estimator = Box::new(Micro::new(settings, CameraModel::PinholeRadTan(camera).cast(), rig.body_from_camera_as()));
     let mut pyramids = Box::new(MicroPyramids::new());
     let (mut poses, mut lost) = (Vec::new(), 0);
@@ -66,9 +92,6 @@ fn fly_small(recording: &Recording, config: &Config) -> Result<(Trajectory, usiz
                 )?;
                 let outcome = estimator.step(StepBudget::default());
                 lost += usize::from(outcome == FrameOutcome::Lost);
-                if std::env::var_os("VERBOSE").is_some() {
-                    println!("{} {outcome:?} {:?}", (stamp - recording.imu[0].stamp).as_seconds::<f64>(), estimator.report());
-                }
                 poses.extend(pose(&estimator, stamp));
             }
             Event::Tracks(_) => return Err("a recording of corners has no images".into()),

@@ -10,6 +10,7 @@ has_target() { compgen -G "$(rustc --print target-libdir --target "$1")/libcore-
 
 firmware() { # the estimator on emulated microcontrollers, and the same main loop on this machine
   cargo test --manifest-path firmware-sim/Cargo.toml --workspace
+  cargo clippy --manifest-path firmware-sim/Cargo.toml --workspace --all-targets -- -D warnings
   firmware-sim/run
 }
 

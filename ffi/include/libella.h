@@ -129,6 +129,10 @@ typedef struct LibellaConfig {
   float accel_random_walk;
   // Magnitude of gravity, m/s^2.
   float gravity_m_s2;
+  // Standard deviation of a corner's position, px.
+  float sigma_px;
+  // An image becomes a keyframe when its corners have moved this far since the last one, rotation apart, px.
+  float keyframe_parallax_px;
 } LibellaConfig;
 
 // A corner in an image.

@@ -29,11 +29,12 @@ pub fn settings(config: &LibellaConfig) -> Option<(EstimatorConfig<f32>, CameraM
     let is_possible = positive(quaternion.norm_squared())
         && config.camera_in_body_m.iter().all(|value| value.is_finite())
         && noise.into_iter().all(positive)
-        && positive(config.gravity_m_s2);
+        && [config.gravity_m_s2, config.sigma_px, config.keyframe_parallax_px].into_iter().all(positive);
     let [tx, ty, tz] = config.camera_in_body_m;
     let [gyro_noise_density, accel_noise_density, gyro_random_walk, accel_random_walk] = noise;
     let imu_noise = ImuNoise { gyro_noise_density, accel_noise_density, gyro_random_walk, accel_random_walk };
-    let settings = EstimatorConfig { imu_noise, gravity_m_s2: config.gravity_m_s2, ..EstimatorConfig::default() };
+    let LibellaConfig { gravity_m_s2, sigma_px, keyframe_parallax_px, .. } = *config;
+    let settings = EstimatorConfig { imu_noise, gravity_m_s2, sigma_px, keyframe_parallax_px, ..EstimatorConfig::default() };
     let body_from_camera = Isometry3::from_parts(Translation3::new(tx, ty, tz), UnitQuaternion::new_normalize(quaternion));
     is_possible.then_some((settings, camera, body_from_camera))
 }

@@ -3,7 +3,7 @@
 use libella_core::estimator::{Estimator, FrameOutcome, Health, InputError, StateEstimate, StepBudget};
 use libella_core::image::{ImageView, PyramidPair, pyramid_bytes};
 use libella_core::imu::ImuSample;
-use libella_core::profile::{Desktop, Micro, Mobile};
+use libella_core::profile::{Desktop, Micro, MicroPyramids, Mobile};
 use libella_core::time::Timestamp;
 use libella_core::track::{Observation, TrackId};
 use nalgebra::Vector2;
@@ -36,7 +36,7 @@ pub struct Instance<E, P> {
 }
 
 /// The instance of [`Micro`].
-pub type MicroInstance = Instance<Micro, PyramidPair<{ pyramid_bytes(160, 120, 2) }>>;
+pub type MicroInstance = Instance<Micro, MicroPyramids>;
 /// The instance of [`Mobile`].
 pub type MobileInstance = Instance<Mobile, PyramidPair<{ pyramid_bytes(640, 480, 4) }>>;
 /// The instance of [`Desktop`].

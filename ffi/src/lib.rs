@@ -15,7 +15,7 @@ pub use types::{LibellaConfig, LibellaHealth, LibellaLens, LibellaOutcome, Libel
 use core::ffi::c_char;
 use core::ptr::addr_of_mut;
 
-use libella_core::estimator::{Estimator, StepBudget};
+use libella_core::estimator::{Estimator, EstimatorConfig, StepBudget};
 use libella_core::image::{ImageView, PyramidPair};
 use libella_core::imu::{ImuNoise, ImuSample};
 use libella_core::time::Timestamp;
@@ -60,6 +60,10 @@ pub extern "C" fn libella_alignment() -> usize {
 #[unsafe(no_mangle)]
 pub extern "C" fn libella_config(profile: u32) -> LibellaConfig {
     let noise = ImuNoise::<f32>::adis16448();
+    let usual = EstimatorConfig::<f32>::default();
+    // Those of the firmware, where they were measured.
+    let is_micro = profile == LibellaProfile::Micro as u32;
+    let (sigma_px, keyframe_parallax_px) = if is_micro { (0.1, 4.6) } else { (usual.sigma_px, usual.keyframe_parallax_px) };
     LibellaConfig {
         profile,
         lens: LibellaLens::PinholeRadTan as u32,
@@ -74,7 +78,9 @@ pub extern "C" fn libella_config(profile: u32) -> LibellaConfig {
         accel_noise_density: noise.accel_noise_density,
         gyro_random_walk: noise.gyro_random_walk,
         accel_random_walk: noise.accel_random_walk,
-        gravity_m_s2: 9.81,
+        gravity_m_s2: usual.gravity_m_s2,
+        sigma_px,
+        keyframe_parallax_px,
     }
 }
 

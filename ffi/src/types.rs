@@ -132,6 +132,10 @@ pub struct LibellaConfig {
     pub accel_random_walk: f32,
     /// Magnitude of gravity, m/s^2.
     pub gravity_m_s2: f32,
+    /// Standard deviation of a corner's position, px.
+    pub sigma_px: f32,
+    /// An image becomes a keyframe when its corners have moved this far since the last one, rotation apart, px.
+    pub keyframe_parallax_px: f32,
 }
 
 /// A corner in an image.

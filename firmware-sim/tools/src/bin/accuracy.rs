@@ -16,6 +16,7 @@ use libella_core::image::ImageView;
 use libella_core::imu::{ImuNoise, ImuSample};
 use libella_core::profile::{Micro, MicroPyramids};
 use libella_core::time::{Span, Timestamp};
+use libella_firmware_sim::memory;
 use libella_firmware_tools::small;
 use libella_host::config::Config;
 use libella_host::dataset::{self, Event, Recording};
@@ -25,7 +26,7 @@ use nalgebra::{Isometry3, Vector3};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let config = Config::default();
-    let mut small = EstimatorConfig::default();
+    let mut small = memory::settings(ImuNoise::adis16448());
     for argument in std::env::args().skip(1) {
         if let Some((name, value)) = argument.split_once('=') {
             *setting(&mut small, name).ok_or_else(|| format!("no setting {name}"))? = value.parse()?;

@@ -4,7 +4,7 @@
 //! MotionKind ─▶ Analytic ─┐                     ┌─▶ imu ─────▶ samples, true states ─┐
 //!                         ├─▶ Trajectory ─▶ Flight                                   ├─▶ Recording
 //! EuRoC csv ──▶ Spline ───┘          │          └─▶ features ─▶ tracks ──────────────┘
-//!                       Scene ─▶ World (baked) ─▶ Renderer ─▶ images, depth ─▶ stream, EuRoC folder
+//!             Scene, Movers ─▶ World (baked) ─▶ Renderer ─▶ images, depth ─▶ stream, EuRoC folder
 //! ```
 //! Everything is a function of a configuration and a seed.
 
@@ -27,6 +27,8 @@ mod texture;
 
 #[cfg(test)]
 mod likeness_tests;
+#[cfg(test)]
+mod refusal_tests;
 
 pub use asl::{AslOptions, planes_json, write_asl};
 pub use error::SimError;
@@ -35,7 +37,7 @@ pub use flight::{Flight, ImuSource, RealMotionConfig};
 pub use imu::ImuConfig;
 pub use photometry::PhotometryConfig;
 pub use render::{DepthMap, RenderConfig, Renderer, World};
-pub use scene::{RoomConfig, Scene};
+pub use scene::{MOST_MOVERS, Mover, RoomConfig, Scene};
 pub use stream::{ImageStream, MotionSource, RenderedFlight};
 pub use trajectory::{AnalyticConfig, Motion, MotionKind, Trajectory};
 

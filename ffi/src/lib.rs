@@ -63,7 +63,7 @@ pub extern "C" fn libella_config(profile: u32) -> LibellaConfig {
     let usual = EstimatorConfig::<f32>::default();
     // Those of the firmware, where they were measured.
     let is_micro = profile == LibellaProfile::Micro as u32;
-    let (sigma_px, keyframe_parallax_px) = if is_micro { (0.1, 4.6) } else { (usual.sigma_px, usual.keyframe_parallax_px) };
+    let (sigma_px, keyframe_parallax_px) = if is_micro { (0.15, 4.6) } else { (usual.sigma_px, usual.keyframe_parallax_px) };
     LibellaConfig {
         profile,
         lens: LibellaLens::PinholeRadTan as u32,

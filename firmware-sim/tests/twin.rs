@@ -123,8 +123,8 @@ fn millis_and_position(line: &str) -> Option<(i64, Vector3<f64>)> {
 /// Root mean square distance to the truth, m, after the best rotation and translation (Umeyama without scale).
 fn ate_m(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> f64 {
     let count = pairs.len() as f64;
-    let mean = |pick: fn(&(Vector3<f64>, Vector3<f64>)) -> Vector3<f64>| pairs.iter().map(pick).sum::<Vector3<f64>>() / count;
-    let (of_estimate, of_truth) = (mean(|pair| pair.0), mean(|pair| pair.1));
+    let of_estimate = pairs.iter().map(|pair| pair.0).sum::<Vector3<f64>>() / count;
+    let of_truth = pairs.iter().map(|pair| pair.1).sum::<Vector3<f64>>() / count;
     let spread: Matrix3<f64> = pairs.iter().map(|(estimate, truth)| (truth - of_truth) * (estimate - of_estimate).transpose()).sum();
     let svd = spread.svd(true, true);
     let (u, v_t) = (svd.u.unwrap(), svd.v_t.unwrap());

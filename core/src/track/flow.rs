@@ -124,15 +124,11 @@ fn source<'a, const N: usize, const MARGIN: usize>(
     let (x, y) = ((left + BLOCK as f32) as i32 - BLOCK as i32, (top + BLOCK as f32) as i32 - BLOCK as i32);
     let fraction = [left - x as f32, top - y as f32];
     let side = N + 1 + MARGIN;
-    if x >= 0 && y >= 0 && x as usize + side <= width && y as usize + side <= height {
-        return Some(Source { pixels: level.pixels().get(y as usize * width + x as usize..)?, stride: width, fraction });
+    let is_inside = x >= 0 && y >= 0 && x as usize + side <= width && y as usize + side <= height;
+    if let Some(pixels) = level.pixels().filter(|_| is_inside) {
+        return Some(Source { pixels: pixels.get(y as usize * width + x as usize..)?, stride: width, fraction });
     }
-    for (j, target) in block.iter_mut().take(side).enumerate() {
-        let row = level.row((y + j as i32).clamp(0, height as i32 - 1) as usize);
-        for (i, target) in target.iter_mut().take(side).enumerate() {
-            *target = *row.get((x + i as i32).clamp(0, width as i32 - 1) as usize)?;
-        }
-    }
+    level.copy_block(x, y, side, block)?;
     Some(Source { pixels: block.as_flattened(), stride: BLOCK, fraction })
 }
 

@@ -171,6 +171,7 @@ impl<const TRACKS: usize, const PATCH: usize> FrontEnd<TRACKS, PATCH> {
     }
 
     /// Moves every track to its place in the current image, or ends it.
+    #[inline(never)]
     pub fn follow<T: Real, C: Camera<T>, const BYTES: usize>(
         &mut self,
         pyramids: &PyramidPair<BYTES>,
@@ -208,6 +209,7 @@ impl<const TRACKS: usize, const PATCH: usize> FrontEnd<TRACKS, PATCH> {
     }
 
     /// Ends the tracks that contradict the motion of the others.
+    #[inline(never)]
     pub fn verify<T: Real, C: Camera<T>>(&mut self, camera: &C, camera_rotation: Option<UnitQuaternion<T>>) -> Option<TwoView> {
         let Self { config, table, pairs, .. } = self;
         let rotation = camera_rotation.unwrap_or_else(UnitQuaternion::identity);
@@ -230,6 +232,7 @@ impl<const TRACKS: usize, const PATCH: usize> FrontEnd<TRACKS, PATCH> {
     }
 
     /// Starts tracks where there are none, and returns how many.
+    #[inline(never)]
     pub fn replenish<const BYTES: usize>(&mut self, pyramids: &PyramidPair<BYTES>) -> usize {
         let Self { config, table, corners, .. } = self;
         let target = config.target_tracks.min(TRACKS);

@@ -69,9 +69,11 @@ impl<const TRACKS: usize> TrackTable<TRACKS> {
     pub fn retain(&mut self, mut keep: impl FnMut(&mut Track) -> bool) {
         let mut kept = 0;
         for index in 0..self.len {
-            let mut track = self.tracks[index];
-            if keep(&mut track) {
-                self.tracks[kept] = track;
+            let Some(mut track) = self.tracks.get(index).copied() else { break };
+            if keep(&mut track)
+                && let Some(place) = self.tracks.get_mut(kept)
+            {
+                *place = track;
                 kept += 1;
             }
         }

@@ -1,0 +1,129 @@
+//! Lines of text without the standard formatter, which alone would take as much flash as the estimator's front end.
+//!
+//! Numbers that matter are printed as the hexadecimal bits of their `f32`, so that a pose is exact.
+
+use libella_core::estimator::{FrameOutcome, Health, InputError, Waiting};
+
+/// Where lines go.
+pub trait Telemetry {
+    /// Takes one line with its end.
+    fn send(&mut self, line: &[u8]);
+}
+
+/// A line being written; what does not fit is cut off.
+#[derive(Debug)]
+pub struct Line {
+    bytes: [u8; 120],
+    length: usize,
+}
+
+impl Line {
+    /// A line that begins with `word`.
+    #[must_use]
+    pub fn new(word: &str) -> Self {
+        Self { bytes: [0; 120], length: 0 }.text(word)
+    }
+
+    /// Sends it.
+    pub fn send(self, telemetry: &mut impl Telemetry) {
+        let ended = self.text("\n");
+        telemetry.send(ended.bytes.get(..ended.length).unwrap_or_default());
+    }
+
+    /// Adds a word.
+    #[must_use]
+    pub fn word(self, word: &str) -> Self {
+        self.text(" ").text(word)
+    }
+
+    /// Adds a whole number.
+    #[must_use]
+    pub fn decimal(self, value: u32) -> Self {
+        let (mut digits, mut rest, mut first) = ([0_u8; 10], value, 10);
+        for digit in digits.iter_mut().rev() {
+            *digit = b'0' + (rest % 10) as u8;
+            rest /= 10;
+            first -= 1;
+            if rest == 0 {
+                break;
+            }
+        }
+        digits.get(first..).unwrap_or_default().iter().fold(self.text(" "), |line, digit| line.byte(*digit))
+    }
+
+    /// Adds the bits of a number.
+    #[must_use]
+    pub fn bits(self, value: f32) -> Self {
+        let bits = value.to_bits();
+        (0..8).rev().fold(self.text(" "), |line, nibble| {
+            let digit = (bits >> (4 * nibble)) as u8 & 15;
+            line.byte(if digit < 10 { b'0' + digit } else { b'a' + digit - 10 })
+        })
+    }
+
+    fn text(self, text: &str) -> Self {
+        text.bytes().fold(self, Self::byte)
+    }
+
+    fn byte(mut self, byte: u8) -> Self {
+        if let Some(place) = self.bytes.get_mut(self.length) {
+            *place = byte;
+            self.length += 1;
+        }
+        self
+    }
+}
+
+/// The name of an outcome.
+#[must_use]
+pub fn outcome(outcome: FrameOutcome) -> &'static str {
+    match outcome {
+        FrameOutcome::NoFrame => "no-frame",
+        FrameOutcome::NeedImu => "need-imu",
+        FrameOutcome::Initialising(waiting) => waits(waiting),
+        FrameOutcome::Initialised => "initialised",
+        FrameOutcome::Tracked => "tracked",
+        FrameOutcome::NewKeyframe => "keyframe",
+        FrameOutcome::Coasted => "coasted",
+        FrameOutcome::Lost => "lost",
+        _ => "unknown",
+    }
+}
+
+/// The name of a health.
+#[must_use]
+pub fn health(health: Health) -> &'static str {
+    match health {
+        Health::Initialising(waiting) => waits(waiting),
+        Health::Tracking => "tracking",
+        Health::Degraded => "degraded",
+        Health::Lost => "lost",
+        _ => "unknown",
+    }
+}
+
+/// The name of a refusal.
+#[must_use]
+pub fn refusal(error: &InputError) -> &'static str {
+    match error {
+        InputError::NotFinite(_) => "not-finite",
+        InputError::Stale(_) => "stale",
+        InputError::WrongImageSize { .. } => "wrong-image-size",
+        InputError::MissingImu(_) => "missing-imu",
+        InputError::PyramidTooSmall { .. } => "pyramid-too-small",
+        InputError::Full => "full",
+        _ => "unknown",
+    }
+}
+
+fn waits(waiting: Waiting) -> &'static str {
+    match waiting {
+        Waiting::Imu => "waits-for-imu",
+        Waiting::Tracks => "waits-for-tracks",
+        Waiting::Parallax => "waits-for-parallax",
+        Waiting::Excitation => "waits-for-excitation",
+        Waiting::Gravity => "waits-for-gravity",
+        Waiting::Agreement => "waits-for-agreement",
+        _ => "waits",
+    }
+}

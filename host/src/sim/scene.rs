@@ -183,12 +183,12 @@ impl Quad {
 
 /// Which side of a box nobody can see.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Hidden {
+pub(super) enum Hidden {
     /// It stands on the floor.
     Underside,
     /// It is close to a wall.
     Back,
-    #[cfg(test)]
+    /// It is free on all sides.
     Nothing,
 }
 
@@ -297,7 +297,14 @@ impl Scene {
     }
 
     /// A box from its middle, half sizes and rotation, without the sides that nobody can see.
-    fn add_box(&mut self, center: Vector3<f64>, half: Vector3<f64>, rotation: &Rotation3<f64>, material: Material, hidden: Hidden) {
+    pub(super) fn add_box(
+        &mut self,
+        center: Vector3<f64>,
+        half: Vector3<f64>,
+        rotation: &Rotation3<f64>,
+        material: Material,
+        hidden: Hidden,
+    ) {
         let axes = [0, 1, 2].map(|k| rotation * (Vector3::ith(k, 1.0)));
         for k in 0..3 {
             for sign in [1.0, -1.0] {

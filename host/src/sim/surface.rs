@@ -64,11 +64,11 @@ impl Surface {
     pub(super) const UNIT: f32 = UNIT;
 
     /// Evaluates a cover under a light and builds the levels.
-    fn bake(scene: &Scene, index: usize, lamps: &[Lamp], seed: u64) -> Self {
+    fn bake(scene: &Scene, index: usize, lamps: &[Lamp], seed: u64, coarseness: f64) -> Self {
         let quad = &scene.quads[index];
         // Things in a hall of 11 times a room's floor are seen from three times as far.
         let largest = scene.quads.iter().map(|quad| quad.size_m[0] * quad.size_m[1]).fold(64.0, f64::max);
-        let counts = texel_counts(quad, (64.0 / largest).sqrt());
+        let counts = texel_counts(quad, (64.0 / largest).sqrt(), coarseness);
         let paint = Paint::new(quad, seed, index as u64, (quad.size_m[0] / counts[0] as f64) as f32);
         let light = LightGrid::new(scene, index, lamps, seed);
         let glow = quad.material.glow();
@@ -117,9 +117,9 @@ impl Surface {
 }
 
 /// How finely a rectangle is sampled: 2 mm on pictures, 3 mm on things, 4 mm on walls, 8 mm overhead, coarser on what is large;
-/// things get a `share` of the usual number.
+/// things get a `share` of the usual number; all but checkerboards `coarseness` times as coarse.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-fn texel_counts(quad: &Quad, share: f64) -> [usize; 2] {
+fn texel_counts(quad: &Quad, share: f64, coarseness: f64) -> [usize; 2] {
     if quad.material == Material::Checkerboard {
         // A whole number of texels per half square, so that the pattern's corners are corners of texels.
         return CHECKERBOARD_SQUARES.map(|squares| (squares + 1) * 40);
@@ -133,7 +133,7 @@ fn texel_counts(quad: &Quad, share: f64) -> [usize; 2] {
         _ if area > 8.0 => (0.004, 4e5 * share),
         _ => (0.003, 2.5e5 * share),
     };
-    let texel_m = f64::max(base, (area / most).sqrt());
+    let texel_m = coarseness * f64::max(base, (area / most).sqrt());
     quad.size_m.map(|side| ((side / texel_m).ceil() as usize).max(2))
 }
 
@@ -246,7 +246,7 @@ fn light_on(scene: &Scene, point: &Vector3<f64>, quad: &Quad, lamps: &[Lamp], ra
 }
 
 /// Bakes all rectangles of a scene on a number of threads. The result does not depend on that number.
-pub(super) fn bake(scene: &Scene, seed: u64, threads: usize) -> Vec<Surface> {
+pub(super) fn bake(scene: &Scene, seed: u64, threads: usize, coarseness: f64) -> Vec<Surface> {
     let lamps = lamps(scene, seed);
     let next = std::sync::atomic::AtomicUsize::new(0);
     let mut parts: Vec<(usize, Surface)> = std::thread::scope(|scope| {
@@ -259,7 +259,7 @@ pub(super) fn bake(scene: &Scene, seed: u64, threads: usize) -> Vec<Surface> {
                         if index >= scene.quads.len() {
                             break done;
                         }
-                        done.push((index, Surface::bake(scene, index, &lamps, seed)));
+                        done.push((index, Surface::bake(scene, index, &lamps, seed, coarseness)));
                     }
                 })
             })

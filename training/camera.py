@@ -13,7 +13,7 @@ import numpy as np
 WIDTH, HEIGHT, STRIDE = 320, 192, 4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Camera:
     size: tuple[int, int]
     focal: tuple[float, float]

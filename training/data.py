@@ -90,14 +90,10 @@ class Stereo:
         return np.stack(images), np.stack(depths)
 
 
-_FINE = CANONICAL.resized(2 * WIDTH, 2 * HEIGHT)
-_RAYS: dict[tuple[int, int], np.ndarray] = {}
-
-
-def canonical_rays(camera: Camera) -> np.ndarray:
-    if camera.size not in _RAYS:
-        _RAYS[camera.size] = camera.rays()
-    return _RAYS[camera.size]
+# Raw images shrink to half before they are turned: what is left is close to the size that the network takes.
+_HALF = {camera: camera.resized(376, 240) for camera in EUROC}
+_NINE = CANONICAL.resized(3 * COLUMNS, 3 * ROWS)
+_RAYS = {camera: camera.rays() for camera in (CANONICAL, _NINE)}
 
 
 def turned(image, depth, camera: Camera, generator, change: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -108,26 +104,23 @@ def turned(image, depth, camera: Camera, generator, change: bool) -> tuple[np.nd
         angles = np.radians(generator.normal(0, (4, 6, 4)))
     old_from_new = cv2.Rodrigues(angles)[0]
 
-    def looked_up(at: Camera):
-        rays = canonical_rays(at) * np.array([1 / zoom, 1 / zoom, 1])
-        rays = rays @ old_from_new.T
-        pixels, seen = camera.project(rays)
-        return pixels.astype(np.float32), seen, rays[..., 2]
+    def looked_up(at: Camera, source: Camera):
+        rays = (_RAYS[at] * np.array([1 / zoom, 1 / zoom, 1])) @ old_from_new.T
+        pixels, seen = source.project(rays)
+        return pixels[..., 0].astype(np.float32), pixels[..., 1].astype(np.float32), seen, rays[..., 2]
 
-    pixels, _, _ = looked_up(_FINE)
-    picture = cv2.remap(image, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    picture = cv2.resize(picture, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
-    # Depth: the median of nine samples spread over each block.
-    nine = CANONICAL.resized(3 * COLUMNS, 3 * ROWS)
-    pixels, seen, along = looked_up(nine)
-    z = cv2.remap(depth, pixels[..., 0], pixels[..., 1], cv2.INTER_NEAREST, borderValue=0) / np.maximum(along, 0.1)
-    z = np.where(seen & (z > 0), z, np.nan)
-    cells = z.reshape(ROWS, 3, COLUMNS, 3).transpose(0, 2, 1, 3).reshape(ROWS, COLUMNS, 9)
-    enough = np.isfinite(cells).sum(-1) >= 4
-    middle = np.zeros((ROWS, COLUMNS), np.float32)
-    middle[enough] = np.nanmedian(cells[enough], axis=-1)
+    half = _HALF[camera]
+    x, y, _, _ = looked_up(CANONICAL, half)
+    picture = cv2.remap(cv2.resize(image, half.size, interpolation=cv2.INTER_AREA), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    # Depth: the median of nine samples spread over each block, of those that are known if half of them are.
+    x, y, seen, along = looked_up(_NINE, camera)
+    z = cv2.remap(depth, x, y, cv2.INTER_NEAREST, borderValue=0) / np.maximum(along, 0.1)
+    z = np.where(seen & (z > 0), z, np.inf)
+    cells = np.sort(z.reshape(ROWS, 3, COLUMNS, 3).transpose(0, 2, 1, 3).reshape(ROWS, COLUMNS, 9), axis=-1)
+    count = np.isfinite(cells).sum(-1)
+    middle = np.take_along_axis(cells, np.maximum(count - 1, 0)[..., None] // 2, -1)[..., 0]
     # Seen through a longer lens, things look nearer to a network that believes in the canonical one.
-    return picture, middle / np.float32(zoom)
+    return picture, np.where(count >= 4, middle / zoom, 0).astype(np.float32)
 
 
 def poses(file: Path) -> dict[int, np.ndarray]:

@@ -26,9 +26,12 @@ pub(crate) struct Arguments {
     /// Seed of the first room; the others follow.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// EuRoC's camera as it is, instead of varied focal lengths and distortion.
+    /// Share of rooms that are furnished as those of flights, 0 to 1.
+    #[arg(long, default_value_t = RoomsConfig::default().flight_share, allow_negative_numbers = true)]
+    flights: f64,
+    /// Varies focal length and distortion by room, instead of EuRoC's camera as it is.
     #[arg(long)]
-    fixed_camera: bool,
+    varied_camera: bool,
     /// Threads, 1 to 256; all cores if not given.
     #[arg(long)]
     threads: Option<usize>,
@@ -41,11 +44,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let usual = RoomsConfig::default();
     let config = RoomsConfig {
         views: arguments.views,
-        varied_camera: !arguments.fixed_camera,
+        flight_share: arguments.flights,
+        varied_camera: arguments.varied_camera,
         threads: arguments.threads.unwrap_or(usual.threads),
         ..usual
     };
-    SimError::check("rooms.threads", config.threads as f64, 1.0, 256.0).map_err(unusable)?;
+    config.check().map_err(unusable)?;
     if arguments.out.join("images.npy").exists() {
         let remedy = "give another folder with --out, or delete it";
         return Err(Fault::new(FaultKind::Output, "holds views already", remedy).at(&arguments.out));

@@ -1,9 +1,9 @@
 //! Single views of many different rooms with their depth: what a depth network learns from.
 //!
-//! A flight shows one room for a minute; a network needs a thousand rooms. Each room here is drawn anew: a third are furnished
+//! A flight shows one room for a minute; a network needs a thousand rooms. Each room here is drawn anew: a share are furnished
 //! as the flights' Vicon rooms around a swept path, the others have any size from a chamber to a hall, and in half of them the
 //! covers are exchanged or patched from tiles of other covers, and slabs and cabinets stand about at any angle. Cameras are
-//! EuRoC's left one with other focal lengths and slightly other distortion, at a person's or a drone's height and tilt.
+//! EuRoC's left one, or others like it, at a person's or a drone's height and tilt.
 
 use libella_core::camera::{CameraModel, PinholeRadTan};
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -25,7 +25,10 @@ pub struct RoomsConfig {
     pub size_px: [u32; 2],
     /// Pixels of the image per pixel of the depth map; 1 to 8.
     pub stride: u32,
-    /// Whether focal length and distortion vary; otherwise they are EuRoC's.
+    /// Share of rooms that are furnished as those of flights; 0 to 1.
+    pub flight_share: f64,
+    /// Whether focal length and distortion vary; otherwise they are EuRoC's. A varied focal length blurs the sizes of things:
+    /// the network cannot tell it from the size of the room.
     pub varied_camera: bool,
     /// Threads; 1 to 256. The pictures do not depend on it.
     pub threads: usize,
@@ -33,7 +36,32 @@ pub struct RoomsConfig {
 
 impl Default for RoomsConfig {
     fn default() -> Self {
-        Self { views: 24, size_px: [320, 192], stride: 4, varied_camera: true, threads: RenderConfig::default().threads }
+        Self {
+            views: 24,
+            size_px: [320, 192],
+            stride: 4,
+            flight_share: 0.6,
+            varied_camera: false,
+            threads: RenderConfig::default().threads,
+        }
+    }
+}
+
+impl RoomsConfig {
+    /// Whether every parameter is within its range.
+    ///
+    /// # Errors
+    /// The first that is not, named with its range.
+    pub fn check(&self) -> Result<(), SimError> {
+        SimError::check("rooms.views", self.views as f64, 1.0, 1e4)?;
+        SimError::check("rooms.flight_share", self.flight_share, 0.0, 1.0)?;
+        SimError::check("rooms.stride", f64::from(self.stride), 1.0, 8.0)?;
+        SimError::check("rooms.threads", self.threads as f64, 1.0, 256.0)?;
+        for side in self.size_px {
+            SimError::check("rooms.size_px", f64::from(side), 64.0, 2048.0)?;
+            SimError::check("rooms.size_px (rest of its division by the stride)", f64::from(side % self.stride), 0.0, 0.0)?;
+        }
+        Ok(())
     }
 }
 
@@ -55,14 +83,9 @@ pub struct RoomView {
 /// # Errors
 /// A parameter out of range.
 pub fn room_views(config: &RoomsConfig, seed: u64, mut each: impl FnMut(RoomView)) -> Result<(), SimError> {
-    SimError::check("rooms.views", config.views as f64, 1.0, 1e4)?;
-    SimError::check("rooms.stride", f64::from(config.stride), 1.0, 8.0)?;
-    for side in config.size_px {
-        SimError::check("rooms.size_px", f64::from(side), 64.0, 2048.0)?;
-        SimError::check("rooms.size_px (rest of its division by the stride)", f64::from(side % config.stride), 0.0, 0.0)?;
-    }
+    config.check()?;
     let mut random = Random::new(seed, "rooms");
-    let (room, scene, path) = furnished(&mut random, seed)?;
+    let (room, scene, path) = furnished(&mut random, config.flight_share, seed)?;
     // What is finer than half a pixel at a metre is not seen: texels as coarse as that save most of the baking.
     let coarseness = (752.0 / f64::from(config.size_px[0])).clamp(1.0, 2.0);
     let world = World::bake_coarsely(scene, mix(seed ^ 0x51), config.threads, coarseness);
@@ -109,18 +132,17 @@ fn normalised_intrinsics(camera: &PinholeRadTan<f64>) -> [f64; 4] {
 }
 
 /// A room, what is in it and where cameras go (nothing: anywhere).
-fn furnished(random: &mut Random, seed: u64) -> Result<(RoomConfig, Scene, Vec<Vector3<f64>>), SimError> {
-    let kind = random.unit();
-    if kind < 0.35 {
+fn furnished(random: &mut Random, flight_share: f64, seed: u64) -> Result<(RoomConfig, Scene, Vec<Vector3<f64>>), SimError> {
+    if random.unit() < flight_share {
         let path = swept_path(random);
         let room = RoomConfig::vicon(&path);
         let mut scene = Scene::room(&room, &path, mix(seed))?;
-        if random.unit() < 0.35 {
+        if random.unit() < 0.25 {
             vary(&mut scene, random);
         }
         return Ok((room, scene, path));
     }
-    let size = if kind < 0.92 {
+    let size = if random.unit() < 0.9 {
         Vector3::new(random.between(3.6, 11.0), random.between(3.6, 11.0), random.between(2.3, 4.6))
     } else {
         Vector3::new(random.between(12.0, 26.0), random.between(12.0, 24.0), random.between(4.0, 9.0))

@@ -100,7 +100,7 @@ def turned(image, depth, camera: Camera, generator, change: bool) -> tuple[np.nd
     """The image and depth of the canonical camera at the same place, turned and with a lens `zoom` times as long."""
     zoom, angles = 1.0, np.zeros(3)
     if change:
-        zoom = float(np.exp(generator.uniform(-0.03, 0.3)))
+        zoom = float(np.exp(generator.uniform(-0.02, 0.06)))
         angles = np.radians(generator.normal(0, (4, 6, 4)))
     old_from_new = cv2.Rodrigues(angles)[0]
 

@@ -34,10 +34,19 @@ def depth_figures(depth: np.ndarray, reference: np.ndarray) -> dict[str, float]:
     return figures
 
 
+def sparsification(error: np.ndarray, u: np.ndarray) -> tuple[float, float]:
+    """Areas between the curves of the mean error of what is kept, over its mean, and the oracle's: by `u`, and by chance."""
+    keep = np.arange(len(error), 0, -1)
+    curve = lambda order: (np.cumsum(error[order])[::-1] / keep)[: int(0.99 * len(error))] / error.mean()
+    # Kept are the least uncertain ones.
+    oracle = curve(np.argsort(error))
+    return float(np.mean(curve(np.argsort(u, kind="stable")) - oracle)), float(np.mean(1.0 - oracle))
+
+
 def uncertainty_figures(depth, u, reference, sigma_per_u: float) -> dict[str, float]:
-    """AUSE of the relative error by image (area between the sparsification by `u` and the oracle's, the curves divided by the
-    mean error), the same of a random ranking, and the share of log-depth errors within what `sigma_per_u * u` promises."""
-    ranked, random = [], []
+    """AUSE of the relative error by image, the same of a random ranking, their ratio (also over the pixels of all images
+    together), and the share of log-depth errors within what `sigma_per_u * u` promises."""
+    ranked, random, all_errors, all_u = [], [], [], []
     covered = {level: [] for level in LEVELS}
     for d, s, r in zip(depth, u, reference):
         known = r > 0
@@ -45,18 +54,18 @@ def uncertainty_figures(depth, u, reference, sigma_per_u: float) -> dict[str, fl
             continue
         d, s, r = d[known].astype(np.float64), s[known].astype(np.float64), r[known].astype(np.float64)
         error = abs(d - r) / r
-        keep = np.arange(len(r), 0, -1)
-        curve = lambda order: (np.cumsum(error[order])[::-1] / keep)[: int(0.99 * len(r))] / error.mean()
-        # Kept are the least uncertain ones.
-        by_u, oracle = curve(np.argsort(s, kind="stable")), curve(np.argsort(error))
-        ranked.append(np.mean(by_u - oracle))
-        random.append(np.mean(1.0 - oracle))
+        for area, areas in zip(sparsification(error, s), (ranked, random)):
+            areas.append(area)
+        all_errors.append(error)
+        all_u.append(s)
         log_error = abs(np.log(d / r))
         for level in LEVELS:
             reach = sigma_per_u * s * laplace_quantile(level) / laplace_quantile(0.6827)
             covered[level].append(np.mean(log_error <= reach))
+    pooled = sparsification(np.concatenate(all_errors), np.concatenate(all_u))
     figures = {"ause": float(np.mean(ranked)), "ause_random": float(np.mean(random))}
     figures["ause_ratio"] = figures["ause"] / figures["ause_random"]
+    figures["ause_ratio_pooled"] = pooled[0] / pooled[1]
     for level in LEVELS:
         figures[f"coverage_{round(100 * level)}"] = float(np.mean(covered[level]))
     return figures

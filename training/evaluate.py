@@ -88,12 +88,12 @@ def main():
     factor = args.sigma_per_u or (tomllib.loads(card.read_text())["sigma_per_u"] if card.exists() else metrics.laplace_quantile(0.6827))
     results = {}
     print(f"{args.model.name}, sigma of log depth = {factor:.3f} u")
-    print("set                              n  AbsRel (aligned)  RMSE  d<1.25 (aligned) const.  AUSE/random (pooled)  coverage 50 68 90 95")
+    print("set                              n  AbsRel+-error (aligned)  RMSE  d<1.25 (aligned) const.  AUSE/random (pooled)  coverage 50 68 90 95")
     for name, images, reference in sets(args):
         depth, u = predict(images)
         f = metrics.depth_figures(depth, reference) | metrics.uncertainty_figures(depth, u, reference, factor)
         results[name] = f
-        print(f"{name:30s} {f['images']:4d}  {f['abs_rel']:.3f} ({f['abs_rel_aligned']:.3f})    {f['rmse_m']:.2f}  {f['delta']:.3f} "
+        print(f"{name:30s} {f['images']:4d}  {f['abs_rel']:.3f}+-{f['abs_rel_error']:.3f} ({f['abs_rel_aligned']:.3f})    {f['rmse_m']:.2f}  {f['delta']:.3f} "
               f"({f['delta_aligned']:.3f})  {f['abs_rel_constant']:.2f}   {f['ause']:.3f}/{f['ause_random']:.3f}={f['ause_ratio']:.2f} ({f['ause_ratio_pooled']:.2f})  "
               f"{f['coverage_50']:.2f} {f['coverage_68']:.2f} {f['coverage_90']:.2f} {f['coverage_95']:.2f}", flush=True)
         if args.fit:

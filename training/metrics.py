@@ -28,6 +28,8 @@ def depth_figures(depth: np.ndarray, reference: np.ndarray) -> dict[str, float]:
     figures = dict(zip(names, np.mean(rows, 0).tolist()))
     figures["scale_sigma"] = float(np.std(np.log(scales)))
     figures["images"] = len(rows)
+    # How far another draw of images would be off.
+    figures["abs_rel_error"] = float(np.std([row[0] for row in rows]) / len(rows) ** 0.5)
     # Guessing one depth for all pixels of all images, the best there is: what a network must beat.
     guess = np.median(reference[reference > 0])
     figures["abs_rel_constant"] = float(np.mean([np.mean(abs(guess - r[r > 0]) / r[r > 0]) for r in reference if (r > 0).sum() >= 50]))

@@ -198,6 +198,16 @@ def rgbd(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.stack(images), np.stack(depths).astype(np.float32)
 
 
+def simulated(folder: Path, every: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    """Images of a recording of `libella simulate` with exact depth."""
+    images, depths = [], []
+    for path in sorted((folder / "mav0/cam0/data").iterdir())[::every]:
+        depth = cv2.imread(str(folder / "mav0/cam0/depth" / path.name), cv2.IMREAD_UNCHANGED)
+        images.append(small(grey(path)))
+        depths.append(block_depth(depth.astype(np.float32) / 1000, ROWS, COLUMNS))
+    return np.stack(images), np.stack(depths)
+
+
 def split(count: int, kind: str) -> dict[str, list[int]]:
     """Which keyframes train, which choose (steps, calibration of u) and which are scored.
 

@@ -5,7 +5,7 @@
     evaluate.py --model ../host/models/euroc.onnx --euroc V1_01_keyframes --split interleaved
     evaluate.py --model run/euroc.pt --euroc V1_01_keyframes --part choose --fit   # the factor of u
 
-Sets: rendered rooms of other seeds; real keyframes kept out of training, against semi-global matching; semi-real sequences of
+Sets: rendered rooms and flights of other seeds; real keyframes kept out of training, against semi-global matching; semi-real sequences of
 another renderer, exact; RGB-D images of another camera.
 """
 
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import metrics
-from data import Rooms, Stereo, rgbd, semi_real, split
+from data import Rooms, Stereo, rgbd, semi_real, simulated, split
 
 
 def predictor(model: Path):
@@ -55,6 +55,9 @@ def sets(args):
     for folder in args.rooms:
         rooms = Rooms([folder])
         yield f"rooms {folder.name}", *rooms.take(np.arange(len(rooms)))
+    if args.simulated:
+        parts = [simulated(folder) for folder in args.simulated]
+        yield "simulated flights", np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
     if args.euroc:
         stereo = Stereo(args.euroc, args.cache)
         indices = range(len(stereo.pairs)) if args.split == "all" else split(len(stereo.pairs), args.split)[args.part]
@@ -77,6 +80,7 @@ def main():
     parser.add_argument("--part", default="score", choices=("score", "choose", "train"))
     parser.add_argument("--more", type=Path, nargs="*", default=[], help="EuRoC folders all of whose pairs are scored")
     parser.add_argument("--semi-real", type=Path, nargs="*", default=[])
+    parser.add_argument("--simulated", type=Path, nargs="*", default=[], help="recordings of `libella simulate`, scored together")
     parser.add_argument("--rgbd", type=Path)
     parser.add_argument("--sigma-per-u", type=float, help="otherwise from the .toml beside the model, or 1.148 (Laplace)")
     parser.add_argument("--fit", action="store_true", help="also print the factor that calibrates this set")

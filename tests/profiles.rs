@@ -105,9 +105,9 @@ fn check(name: &str, most_share: f64, outcome: &Outcome) {
 
 #[test]
 fn micro_flies_through_a_room() {
-    let _: fn(&Micro) = |_: &Estimator<f32, 6, 21, 56, 128>| ();
+    let _: fn(&Micro) = |_: &Estimator<f32, 6, 21, 54, 128>| ();
     for (flight, seed) in FLIGHTS.into_iter().flat_map(|flight| [(flight, 1), (flight, 2)]) {
-        check("Micro", 0.05, &fly::<6, 21, 56, 128>(camera(160, 120), flight, seed));
+        check("Micro", 0.05, &fly::<6, 21, 54, 128>(camera(160, 120), flight, seed));
     }
 }
 

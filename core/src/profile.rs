@@ -7,7 +7,7 @@
 //! |---|---|---|---|---|---|---|
 //! | [`Desktop`] | `f64` or `f32` | 16 | 640 | 4096 | 752×480 | 2 MiB |
 //! | [`Mobile`] | `f32` | 8 | 150 | 512 | 640×480 | 128 KiB |
-//! | [`Micro`] | `f32` | 6 | 56 | 128 | 160×120 | 96 KiB with [`MicroPyramids`] |
+//! | [`Micro`] | `f32` | 6 | 54 | 128 | 160×120 | 96 KiB with [`MicroPyramids`] |
 
 use crate::estimator::Estimator;
 use crate::image::{PyramidPair, pyramid_bytes};
@@ -19,7 +19,7 @@ pub type Desktop<T> = Estimator<T, 16, 136, 640, 4096>;
 pub type Mobile = Estimator<f32, 8, 36, 150, 512>;
 
 /// Microcontroller: 160×120 in single precision. Half a second of inertial samples at 200 Hz has to fit, or rest is never found.
-pub type Micro = Estimator<f32, 6, 21, 56, 128>;
+pub type Micro = Estimator<f32, 6, 21, 54, 128>;
 
 /// Two pyramid levels of two images for [`Micro`]: at this size a patch of the second level sees a fifth of the width.
 pub type MicroPyramids = PyramidPair<{ pyramid_bytes(160, 120, 2) }>;

@@ -30,6 +30,12 @@ fn parameters_out_of_range_are_refused_with_the_range_and_leave_no_folder() {
             let message = text(&done.stderr);
             assert!(message.contains("duration_s") && message.contains("1 to 3600") && message.lines().count() == 1, "{message}");
         }
+        for count in ["-1", "21"] {
+            let done = libella(&[command, "--dynamic", count, "--out", said(&out)]);
+            assert_eq!(done.status.code(), Some(2), "{}", text(&done.stderr));
+            let message = text(&done.stderr);
+            assert!(message.contains(&format!("--dynamic = {count}")) && message.contains("0 to 20"), "{message}");
+        }
         let done = libella(&[command, "--trajectory", "loopings", "--out", said(&out)]);
         assert_eq!(done.status.code(), Some(2));
         assert!(text(&done.stderr).contains("`loopings`") && text(&done.stderr).contains("fast-yaw"), "{}", text(&done.stderr));
@@ -62,6 +68,24 @@ fn a_simulated_recording_is_read_like_any_other_and_never_overwritten() {
     let again = libella(&["simulate", "--duration", "1", "--out", said(&out)]);
     assert_eq!(again.status.code(), Some(5));
     assert!(text(&again.stderr).contains("holds a recording already"), "{}", text(&again.stderr));
+}
+
+#[test]
+fn moving_objects_change_the_images_and_neither_planes_nor_motion() {
+    let folder = tempfile::tempdir().unwrap();
+    let simulated = ["0", "8"].map(|count| {
+        let out = folder.path().join(count);
+        let done = libella(&["simulate", "--scene-seed", "4", "--duration", "1", "--dynamic", count, "--out", said(&out)]);
+        assert!(done.status.success(), "{}", text(&done.stderr));
+        out.join("mav0")
+    });
+    let same = |below: &str| std::fs::read(simulated[0].join(below)).unwrap() == std::fs::read(simulated[1].join(below)).unwrap();
+    for file in ["planes.json", "imu0/data.csv", "cam0/data.csv", "state_groundtruth_estimate0/data.csv"] {
+        assert!(same(file), "{file}");
+    }
+    let images: Vec<_> = std::fs::read_dir(simulated[0].join("cam0/data")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    let below = |kind: &str, name: &std::ffi::OsString| format!("cam0/{kind}/{}", name.to_string_lossy());
+    assert!(images.iter().any(|name| !same(&below("data", name)) && !same(&below("depth", name))));
 }
 
 #[test]

@@ -18,7 +18,7 @@ pub struct EstimatorConfig<T: Real> {
     pub sigma_px: T,
     /// Where the Huber cost of an observation turns linear, in standard deviations.
     pub huber: T,
-    /// Squared whitened residual over which an observation is taken out after solving (χ² of 2 degrees of freedom).
+    /// Squared whitened residual over which an observation is taken out after solving: four standard deviations.
     pub outlier_chi2: T,
     /// A frame becomes a keyframe when its corners have moved this far since the last one, rotation apart, px.
     pub keyframe_parallax_px: T,
@@ -26,7 +26,7 @@ pub struct EstimatorConfig<T: Real> {
     pub keyframe_shared_ratio: T,
     /// Or after this time with at least a quarter of that parallax, s.
     pub keyframe_interval_s: T,
-    /// A landmark takes part in the solution when its inverse depth is known to one part in this.
+    /// A landmark takes part in the solution when its inverse depth is this many standard deviations from infinity.
     pub depth_significance: T,
     /// Standard deviation of the velocity of a body found at rest, m/s.
     pub rest_sigma_m_s: T,
@@ -65,16 +65,16 @@ impl<T: Real> Default for EstimatorConfig<T> {
     fn default() -> Self {
         Self {
             imu_noise: ImuNoise::adis16448(),
-            imu_noise_inflation: T::of(4.0),
-            imu_walk_inflation: T::of(4.0),
+            imu_noise_inflation: T::of(8.0),
+            imu_walk_inflation: T::of(1.5),
             gravity_m_s2: T::of(9.81),
             sigma_px: T::of(0.4),
             huber: T::of(2.0),
-            outlier_chi2: T::of(9.21),
+            outlier_chi2: T::of(16.0),
             keyframe_parallax_px: T::of(20.0),
             keyframe_shared_ratio: T::of(0.6),
             keyframe_interval_s: T::of(1.0),
-            depth_significance: T::of(4.0),
+            depth_significance: T::of(1.5),
             rest_sigma_m_s: T::of(0.02),
             rest_motion_px: T::of(0.25),
             least_tracked: 8,

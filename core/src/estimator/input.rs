@@ -121,8 +121,6 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         if !(point.norm_squared() < T::of(14.0) && area > T::ZERO) {
             return None;
         }
-        // A residual compares two corners, the anchor's and this one, and both are noisy.
-        let sigma_px = self.config.sigma_px * T::of(core::f64::consts::SQRT_2);
-        Some(NormalizedPoint { x: point.x, y: point.y, inverse_sigma: T::one() / (sigma_px * area.root()) })
+        Some(NormalizedPoint { x: point.x, y: point.y, inverse_sigma: T::one() / (self.config.sigma_px * area.root()) })
     }
 }

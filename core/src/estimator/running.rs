@@ -42,14 +42,10 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         }
     }
 
-    /// Solves the window, then refines bearings and takes outliers out.
+    /// Solves the window and takes outliers out.
     pub(super) fn solve(&mut self, iterations: u8) {
         self.report.solver = optimize(&mut self.window, &self.prior, &mut self.workspace, &self.settings, iterations);
         self.pose_covariance = self.workspace.newest_pose_covariance;
-        let poses = &self.workspace.geometry.camera_poses;
-        for landmark in self.window.landmarks.iter_mut().filter(|landmark| landmark.active) {
-            landmark.refine(poses);
-        }
         self.remove_outliers();
     }
 
@@ -58,13 +54,12 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.workspace.geometry.update(&self.window.frames, &self.settings);
         let poses = &self.workspace.geometry.camera_poses;
         for landmark in self.window.landmarks.iter_mut().filter(|landmark| !landmark.active && landmark.observations() > 1) {
-            let Some((inverse_depth, information)) = landmark.triangulate(poses) else { continue };
+            let Some(inverse_depth) = landmark.triangulate(poses).filter(|inverse_depth| *inverse_depth > T::ZERO) else { continue };
+            landmark.inverse_depth = inverse_depth;
             // λ/σ_λ: how many standard deviations the point is from infinity.
-            if inverse_depth > T::ZERO && inverse_depth * information.root() > self.config.depth_significance {
-                landmark.inverse_depth = inverse_depth;
-                landmark.active = true;
-                landmark.refine(poses);
-            }
+            landmark.active = landmark
+                .refine(poses)
+                .is_some_and(|information| landmark.inverse_depth * information.root() > self.config.depth_significance);
         }
     }
 
@@ -79,17 +74,20 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             let direction = landmark.direction();
             let inverse_depth = landmark.inverse_depth;
             let mut contradicted = 0_u32;
-            for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor) {
-                let agrees = reprojection::residual(geometry.pair(anchor, frame), &direction, inverse_depth, point)
-                    .is_some_and(|residual| residual.norm_squared() < gate);
-                if !agrees {
+            for (frame, point) in landmark.seen() {
+                let residual = if frame == anchor {
+                    Some(reprojection::at_anchor(&direction, point))
+                } else {
+                    reprojection::residual(geometry.pair(anchor, frame), &direction, inverse_depth, point)
+                };
+                if !residual.is_some_and(|residual| residual.norm_squared() < gate) {
                     contradicted |= 1 << frame;
                 }
             }
             removed += contradicted.count_ones() as usize;
             let lost_in_newest = contradicted >> newest & 1 == 1;
             for frame in (0..=newest).filter(|frame| contradicted >> frame & 1 == 1) {
-                landmark.forget(frame);
+                landmark.forget(frame, &geometry.camera_poses);
             }
             if lost_in_newest || landmark.observations() < 2 || !(inverse_depth > T::of(1e-3) && inverse_depth < T::of(20.0)) {
                 landmark.active = false;
@@ -123,7 +121,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     /// Whether the cost per observation is above `most`; about 0.75 where noise alone is left.
     pub(super) fn is_cost_above(&self, most: T) -> bool {
         let residuals: usize =
-            self.window.landmarks.iter().filter(|landmark| landmark.active).map(|landmark| landmark.observations() - 1).sum();
+            self.window.landmarks.iter().filter(|landmark| landmark.active).map(|landmark| landmark.observations()).sum();
         #[allow(clippy::cast_precision_loss)]
         let expected = T::of((residuals + 20) as f64);
         self.report.solver.final_cost > expected * most

@@ -1,13 +1,17 @@
 //! A landmark is seen where it projects.
 //!
 //! # Model
-//! Landmark `b / λ` in the camera of its anchor `a`, seen in frame `j` at the undistorted point `z`, standard deviation `1/s`:
+//! Landmark `b / λ`, `b = (x, y, 1)`, in the camera of its anchor `a`, seen in frame `j` at the undistorted point `z`, standard
+//! deviation `1/s`:
 //! ```text
 //! X   = R_ja b + λ t_ja                       (the point in camera j, times λ)
 //! r   = s (X_xy / X_z − z)                                                    2×1, whitened
 //! P   = s/X_z [1 0 −X_x/X_z; 0 1 −X_y/X_z]                                    2×3
-//! ∂r/∂θ_j = P [X]×      ∂r/∂ρ_j = −λ P      ∂r/∂λ = P t_ja                     2×3, 2×3, 2×1
+//! ∂r/∂θ_j = P [X]×      ∂r/∂ρ_j = −λ P                                         2×3, 2×3
+//! ∂r/∂(x, y) = P R_ja [e₁ e₂]      ∂r/∂λ = P t_ja                              2×2, 2×1
 //! ```
+//! The anchor sees it too, `r = s (b_xy − z)`, whatever the poses ([`at_anchor`]).
+//!
 //! `(θ, ρ)` turn and move the camera in its own axes. The residual depends on the relative pose alone, so what it says
 //! of the anchor is the same row `e = [∂r/∂θ_j ∂r/∂ρ_j]` carried over by the adjoint of `T_ja`:
 //! ```text
@@ -115,8 +119,8 @@ pub struct ReprojectionLinearization<T: Real> {
     pub residual: [T; 2],
     /// Two rows of six: with respect to `[θ ρ]` of the target's camera.
     pub d_residual_d_target: [[T; 6]; 2],
-    /// 2×1.
-    pub d_residual_d_inverse_depth: [T; 2],
+    /// Two rows of three: with respect to `(x, y, λ)`.
+    pub d_residual_d_landmark: [[T; 3]; 2],
 }
 
 /// The whitened residual, or `None` where the landmark is not in front of the camera.
@@ -155,16 +159,27 @@ pub fn linearize<T: Real>(
     let (x, y) = (ray.x * inverse_z, ray.y * inverse_z);
     let scale = s * inverse_z;
     let shift = -scale * inverse_depth;
-    let t = &pair_at_first_estimate.translation_in_target;
+    let (rotation, t) = (&pair_at_first_estimate.target_from_anchor, &pair_at_first_estimate.translation_in_target);
     let o = T::ZERO;
+    // P [r₁ r₂ t]: both rows of a column.
+    let slope = |column: [T; 3]| [scale * (column[0] - x * column[2]), scale * (column[1] - y * column[2])];
+    let by_x = slope([rotation[(0, 0)], rotation[(1, 0)], rotation[(2, 0)]]);
+    let by_y = slope([rotation[(0, 1)], rotation[(1, 1)], rotation[(2, 1)]]);
+    let by_depth = slope([t.x, t.y, t.z]);
     Some(ReprojectionLinearization {
         residual: [value.x, value.y],
         d_residual_d_target: [
             [s * x * y, -s * (T::one() + x * x), s * y, shift, o, -shift * x],
             [s * (T::one() + y * y), -s * x * y, -s * x, o, shift, -shift * y],
         ],
-        d_residual_d_inverse_depth: [scale * (t.x - x * t.z), scale * (t.y - y * t.z)],
+        d_residual_d_landmark: [[by_x[0], by_y[0], by_depth[0]], [by_x[1], by_y[1], by_depth[1]]],
     })
+}
+
+/// The whitened residual in the anchor itself; its slope along `(x, y)` is the point's `inverse_sigma`.
+#[inline]
+pub fn at_anchor<T: Real>(direction: &Vector3<T>, point: &NormalizedPoint<T>) -> Vector2<T> {
+    Vector2::new((direction.x - point.x) * point.inverse_sigma, (direction.y - point.y) * point.inverse_sigma)
 }
 
 #[cfg(test)]
@@ -172,7 +187,7 @@ mod tests {
     use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3};
     use proptest::prelude::*;
 
-    use super::{CameraMount, PairGeometry, linearize, residual};
+    use super::{CameraMount, PairGeometry, at_anchor, linearize, residual};
     use crate::imu::NavState;
     use crate::testing::{assert_close, numerical_jacobian};
     use crate::window::{CameraPose, NormalizedPoint};
@@ -214,7 +229,10 @@ mod tests {
             let linear = linearize(&at, &at, &direction, inverse_depth, &point);
             prop_assume!(linear.is_some());
             let Some(linear) = linear else { return Ok(()) };
-            let value = |pair: &PairGeometry<f64>, depth: f64| residual(pair, &direction, depth, &point).unwrap_or_else(Vector2::zeros);
+            let at_point = |pair: &PairGeometry<f64>, direction: &Vector3<f64>, depth: f64| {
+                residual(pair, direction, depth, &point).unwrap_or_else(Vector2::zeros)
+            };
+            let value = |pair: &PairGeometry<f64>, depth: f64| at_point(pair, &direction, depth);
             prop_assert!((value(&at, inverse_depth) - Vector2::from(linear.residual)).norm() < 1e-12);
             // From motions of the cameras to motions of the bodies.
             let in_body = |rows: [[f64; 6]; 2], state: &NavState<f64>| {
@@ -226,8 +244,10 @@ mod tests {
                 &numerical_jacobian(1e-6, |d| value(&pair(&target, &moved(&anchor, d)), inverse_depth)), 1e-6);
             assert_close(&in_body(linear.d_residual_d_target, &target),
                 &numerical_jacobian(1e-6, |d| value(&pair(&moved(&target, d), &anchor), inverse_depth)), 1e-6);
-            assert_close(&Vector2::from(linear.d_residual_d_inverse_depth),
-                &numerical_jacobian(1e-6, |d: &SVector<f64, 1>| value(&at, inverse_depth + d[0])), 1e-6);
+            assert_close(&SMatrix::<f64, 2, 3>::from_fn(|r, c| linear.d_residual_d_landmark[r][c]),
+                &numerical_jacobian(1e-6, |d: &SVector<f64, 3>| at_point(&at, &Vector3::new(x + d[0], y + d[1], 1.0), inverse_depth + d[2])), 1e-6);
+            assert_close(&(SMatrix::<f64, 2, 2>::identity() * point.inverse_sigma),
+                &numerical_jacobian(1e-6, |d: &SVector<f64, 2>| at_anchor(&Vector3::new(x + d[0], y + d[1], 1.0), &point)), 1e-6);
         }
 
         /// `xᵀ (M e) = (Mᵀ x)ᵀ e`.

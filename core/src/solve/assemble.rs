@@ -1,18 +1,19 @@
 //! Normal equations of the window with the landmarks eliminated.
 //!
 //! # Model
-//! Every factor contributes `JᵀJ` and `Jᵀr`; each landmark is one scalar `λ` with
+//! Every factor contributes `JᵀJ` and `Jᵀr`; each landmark is three numbers `l = (x, y, λ)` with
 //! ```text
-//! c = Σ w J_λᵀ J_λ     g = Σ w J_λᵀ r     W_f = Σ w J_fᵀ J_λ
-//! H ← H − W Wᵀ / c      b ← b − W g / c   (Schur complement)
-//! δλ = −(g + Wᵀ δx) / c
+//! C = Σ w J_lᵀ J_l = L Lᵀ     g = Σ w J_lᵀ r     W_f = Σ w J_fᵀ J_l
+//! H ← H − Y Yᵀ     b ← b − Y L⁻¹ g     Y = W L⁻ᵀ   (Schur complement)
+//! δl = −C⁻¹ (g + Wᵀ δx)
 //! ```
-//! `w` is the robust weight. The elimination of one landmark touches only the frames that see it.
+//! `w` is the robust weight. The elimination of one landmark touches only the frames that see it ([`point`](super::point)).
 //!
 //! All that concerns images is summed over motions of the cameras, six columns a frame, and moved to the bodies at the end:
 //! with `B = ∂[θ ρ]/∂[δφ δp]`, block `(i, j)` of `H` is `B_iᵀ V_ij B_j`.
 
 use super::normal::{Coupling, Parts};
+use super::point::PointNormal;
 use super::workspace::{Geometry, Settings, Workspace};
 use crate::factor::{imu, prior::Prior, reprojection};
 use crate::real::Real;
@@ -31,9 +32,13 @@ pub fn cost<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usiz
     for landmark in window.landmarks.iter().filter(|landmark| landmark.active) {
         let direction = landmark.direction();
         let anchor = landmark.anchor();
-        for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor) {
-            let squared = reprojection::residual(workspace.geometry.pair(anchor, frame), &direction, landmark.inverse_depth, point)
-                .map_or(settings.behind_camera_cost, |residual| residual.norm_squared());
+        for (frame, point) in landmark.seen() {
+            let squared = if frame == anchor {
+                reprojection::at_anchor(&direction, point).norm_squared()
+            } else {
+                reprojection::residual(workspace.geometry.pair(anchor, frame), &direction, landmark.inverse_depth, point)
+                    .map_or(settings.behind_camera_cost, |residual| residual.norm_squared())
+            };
             total += huber.rho(squared);
         }
     }
@@ -101,8 +106,12 @@ pub fn back_substitute<T: Real, const FRAMES: usize, const PAIRS: usize, const P
     for landmark in window.landmarks.iter_mut().filter(|landmark| landmark.active) {
         let anchor = landmark.anchor();
         let direction = landmark.direction();
-        let (mut curvature, mut slope) = (T::ZERO, T::ZERO);
-        for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor) {
+        let mut own = PointNormal::default();
+        for (frame, point) in landmark.seen() {
+            if frame == anchor {
+                own.add_anchor(&direction, point, &huber);
+                continue;
+            }
             let Some(linear) = geometry.linearize(anchor, frame, &direction, landmark.inverse_depth, point) else {
                 continue;
             };
@@ -113,21 +122,16 @@ pub fn back_substitute<T: Real, const FRAMES: usize, const PAIRS: usize, const P
             for (value, own) in relative.iter_mut().zip(&camera_steps[frame]) {
                 *value = *own - *value;
             }
-            for ((value, e), d_depth) in r.iter().zip(&linear.d_residual_d_target).zip(&linear.d_residual_d_inverse_depth) {
-                slope += weight * *d_depth * (*value + dot(e, &relative));
-                curvature += weight * *d_depth * *d_depth;
+            for ((value, e), by_point) in r.iter().zip(&linear.d_residual_d_target).zip(&linear.d_residual_d_landmark) {
+                own.add_row(by_point, &by_point.map(|slope| slope * weight), *value + dot(e, &relative));
             }
         }
-        landmark.saved_inverse_depth = landmark.inverse_depth;
-        if curvature > T::ZERO {
-            landmark.inverse_depth -= slope / damped(curvature, damping);
+        if let Some(factor) = own.factorize(damping) {
+            landmark.take_step(&factor.solve(&own.gradient).map(|value| -value));
+        } else {
+            landmark.take_step(&[T::ZERO; 3]);
         }
     }
-}
-
-#[inline]
-fn damped<T: Real>(curvature: T, damping: T) -> T {
-    curvature * (T::one() + damping) + T::of(1e-6)
 }
 
 /// Product of as many entries as `a` has.
@@ -148,12 +152,17 @@ fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
     let huber = settings.kernel;
     let anchor = landmark.anchor();
     let direction = landmark.direction();
-    let (mut curvature, mut slope, mut total) = (T::ZERO, T::ZERO, T::ZERO);
+    let mut own = PointNormal::default();
+    let mut total = T::ZERO;
     // W_f of the frames that see it, oldest first; the anchor's comes first because the anchor is the oldest.
-    let mut couplings = [(0_usize, [T::ZERO; 6]); FRAMES];
-    let mut anchor_coupling = [T::ZERO; 6];
+    let mut couplings = [(0_usize, [[T::ZERO; 6]; 3]); FRAMES];
+    let mut anchor_coupling = [[T::ZERO; 6]; 3];
     let mut count = 1;
-    for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor) {
+    for (frame, point) in landmark.seen() {
+        if frame == anchor {
+            total += own.add_anchor(&direction, point, &huber);
+            continue;
+        }
         let Some(linear) = geometry.linearize(anchor, frame, &direction, landmark.inverse_depth, point) else {
             total += huber.rho(settings.behind_camera_cost);
             continue;
@@ -162,34 +171,38 @@ fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
         let squared = r[0] * r[0] + r[1] * r[1];
         let weight = huber.weight(squared);
         total += huber.rho(squared);
-        let (e, dl) = (&linear.d_residual_d_target, &linear.d_residual_d_inverse_depth);
+        let (e, dl) = (&linear.d_residual_d_target, &linear.d_residual_d_landmark);
         let weighted = e.map(|row| row.map(|value| value * weight));
-        curvature += weight * (dl[0] * dl[0] + dl[1] * dl[1]);
-        slope += weight * (dl[0] * r[0] + dl[1] * r[1]);
-        let coupling = core::array::from_fn(|i| weighted[0][i] * dl[0] + weighted[1][i] * dl[1]);
+        for k in 0..2 {
+            own.add_row(&dl[k], &dl[k].map(|slope| slope * weight), r[k]);
+        }
         add_observation(&mut normal.couplings[place(frame, anchor)], e, &weighted, r);
-        let carried = geometry.first_pairs[place(frame, anchor)].carry_to_anchor(&coupling);
-        for (out, value) in anchor_coupling.iter_mut().zip(&carried) {
-            *out -= *value;
+        let Some((to, coupling)) = couplings.get_mut(count) else { continue };
+        *to = frame;
+        let pair = &geometry.first_pairs[place(frame, anchor)];
+        for (k, (out, anchored)) in coupling.iter_mut().zip(&mut anchor_coupling).enumerate() {
+            *out = core::array::from_fn(|i| weighted[0][i] * dl[0][k] + weighted[1][i] * dl[1][k]);
+            for (sum, value) in anchored.iter_mut().zip(&pair.carry_to_anchor(out)) {
+                *sum -= *value;
+            }
         }
-        if let Some(slot) = couplings.get_mut(count) {
-            *slot = (frame, coupling);
-            count += 1;
-        }
-    }
-    if !(curvature > T::ZERO) {
-        return total;
+        count += 1;
     }
     couplings[0] = (anchor, anchor_coupling);
-    let inverse = T::one() / damped(curvature, damping);
-    for (row, (frame, coupling)) in couplings[..count].iter().enumerate() {
-        let scaled = coupling.map(|value| value * inverse);
-        for (value, out) in scaled.iter().zip(&mut visual_gradient[*frame]) {
-            *out -= *value * slope;
+    let Some(factor) = own.factorize(damping) else { return total };
+    let slope = factor.whiten(&own.gradient);
+    for row in 0..count {
+        let (before, rest) = couplings.split_at_mut(row);
+        let Some((frame, coupling)) = rest.first_mut() else { continue };
+        factor.whiten_rows(coupling);
+        for (i, out) in visual_gradient[*frame].iter_mut().enumerate() {
+            *out -= coupling[0][i] * slope[0] + coupling[1][i] * slope[1] + coupling[2][i] * slope[2];
         }
-        for (other_frame, other) in &couplings[..=row] {
-            subtract_outer(&mut normal.poses[place(*frame, *other_frame)], &scaled, other);
+        for (other_frame, other) in before.iter() {
+            subtract_outer(&mut normal.poses[place(*frame, *other_frame)], coupling, other);
         }
+        let same = *coupling;
+        subtract_outer(&mut normal.poses[place(*frame, *frame)], coupling, &same);
     }
     total
 }
@@ -207,12 +220,12 @@ fn add_observation<T: Real>(sum: &mut Coupling<T>, e: &[[T; 6]; 2], weighted: &[
     }
 }
 
-/// `V −= a bᵀ`.
+/// `V −= aᵀ b`.
 #[inline(never)]
-fn subtract_outer<T: Real>(block: &mut Block<T, 6>, a: &[T; 6], b: &[T; 6]) {
-    for (row, scale) in block.iter_mut().zip(a) {
-        for (out, value) in row.iter_mut().zip(b) {
-            *out -= *scale * *value;
+fn subtract_outer<T: Real>(block: &mut Block<T, 6>, a: &[[T; 6]; 3], b: &[[T; 6]; 3]) {
+    for (i, row) in block.iter_mut().enumerate() {
+        for (j, out) in row.iter_mut().enumerate() {
+            *out -= a[0][i] * b[0][j] + a[1][i] * b[1][j] + a[2][i] * b[2][j];
         }
     }
 }

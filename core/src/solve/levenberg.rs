@@ -86,7 +86,7 @@ pub fn optimize<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
                 frame.state = *saved;
             }
             for landmark in window.landmarks.iter_mut().filter(|landmark| landmark.active) {
-                landmark.inverse_depth = landmark.saved_inverse_depth;
+                landmark.take_step_back();
             }
             workspace.geometry.update(&window.frames, settings);
             if -decrease < before * T::of(CONVERGED) {

@@ -6,8 +6,8 @@
 //! Then its first rows hold the leaving frame's conditional, and the rest is the prior on what remains.
 //!
 //! Landmarks come first, in a triangle of their own. They are anchored in the leaving frame, so their rows speak of the poses
-//! of the other cameras relative to it, six columns each; a landmark's inverse depth is eliminated from its own rows by one
-//! reflection. The triangle's rows then join the others, with `e_j` becoming `e_j B_j` and `−(M_j e_jᵀ)ᵀ B_0`
+//! of the other cameras relative to it, six columns each; a landmark's three numbers are eliminated from its own rows by one
+//! reflection each. The triangle's rows then join the others, with `e_j` becoming `e_j B_j` and `−(M_j e_jᵀ)ᵀ B_0`
 //! (see [`reprojection`](crate::factor::reprojection)).
 //!
 //! Landmarks that the newest frame still sees are not marginalised: their observation in the leaving frame is dropped
@@ -19,11 +19,14 @@ use super::assemble::block_of;
 use super::normal::TILES as MEMORY_TILES;
 use super::triangle::{Rows, TILE, eliminate, fold, tiles};
 use super::workspace::{Geometry, Settings, Workspace};
-use crate::factor::{imu, prior::Prior};
+use crate::factor::{imu, prior::Prior, reprojection};
 use crate::imu::NavState;
 use crate::real::Real;
 use crate::storage::blocks::{pairs, place, zero_block};
 use crate::window::{Frame, Landmark, Window};
+
+/// Numbers of a landmark: `x, y, λ`.
+const POINT: usize = 3;
 
 /// Rows that are gathered before they are folded in.
 const GATHERED: usize = 48;
@@ -38,7 +41,7 @@ const fn most_involved(frames: usize) -> usize {
 pub(super) const fn fits(frames: usize) -> bool {
     let involved = most_involved(frames);
     let relative = 6 * (involved - 1);
-    let (wide, narrow) = (tiles(column(involved)), tiles(relative + 1));
+    let (wide, narrow) = (tiles(column(involved)), tiles(relative + POINT));
     let rest = (MEMORY_TILES * pairs(frames)).saturating_sub(narrow * relative);
     rest >= wide * (column(involved) + 15) && rest >= narrow * 2 * involved
 }
@@ -98,7 +101,7 @@ pub fn marginalize_oldest<T: Real, const FRAMES: usize, const PAIRS: usize, cons
 
     let columns = column(involved);
     let relative_columns = 6 * (involved - 1);
-    let (mut relative, rest) = Rows::carve(workspace.normal.memory(), relative_columns + 1, relative_columns);
+    let (mut relative, rest) = Rows::carve(workspace.normal.memory(), relative_columns + POINT, relative_columns);
     let leaving = window.landmarks.iter().filter(|landmark| landmark.anchor() == 0 && landmark.active && !landmark.is_seen_in(newest));
     fold_landmarks(leaving, &mut relative, rest, &workspace.geometry, settings, involved);
     // Once marginalised, a landmark is gone.
@@ -130,7 +133,7 @@ fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     a.iter().zip(b).fold(T::ZERO, |sum, (x, y)| sum + *x * *y)
 }
 
-/// Folds the landmarks into the triangle of relative poses, their inverse depths eliminated. Right-hand sides are residuals.
+/// Folds the landmarks into the triangle of relative poses, their own numbers eliminated. Right-hand sides are residuals.
 fn fold_landmarks<'a, T: Real, const FRAMES: usize, const PAIRS: usize>(
     landmarks: impl Iterator<Item = &'a Landmark<T, FRAMES>>,
     triangle: &mut Rows<'_, T>,
@@ -140,10 +143,11 @@ fn fold_landmarks<'a, T: Real, const FRAMES: usize, const PAIRS: usize>(
     involved: usize,
 ) {
     let columns = triangle.count();
-    let depth = columns + 1;
-    let most = 2 * (involved - 1);
+    // Relative poses, the right-hand side, and behind it x, y and λ.
+    let own = columns + 1;
+    let most = 2 * involved;
     // As many rows as there is memory for, so that a portion always has room for one more landmark.
-    let (mut rows, _) = Rows::carve(buffer, depth, (buffer.len() / tiles(depth)).min(GATHERED + most));
+    let (mut rows, _) = Rows::carve(buffer, columns + POINT, (buffer.len() / tiles(columns + POINT)).min(GATHERED + most));
     let mut gathered = 0;
     for landmark in landmarks {
         if gathered + most > rows.count() {
@@ -152,7 +156,19 @@ fn fold_landmarks<'a, T: Real, const FRAMES: usize, const PAIRS: usize>(
         }
         let direction = landmark.direction();
         let mut count = 0;
-        for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != 0 && *frame < involved) {
+        for (frame, point) in landmark.seen().filter(|(frame, _)| *frame < involved) {
+            if frame == 0 {
+                let r = reprojection::at_anchor(&direction, point);
+                let root = settings.kernel.weight(r.norm_squared()).root();
+                for k in 0..2 {
+                    let row = rows.row_mut(gathered + count);
+                    row.fill(T::ZERO);
+                    row[columns] = root * r[k];
+                    row[own + k] = root * point.inverse_sigma;
+                    count += 1;
+                }
+                continue;
+            }
             let Some(linear) = geometry.linearize(0, frame, &direction, landmark.inverse_depth, point) else { continue };
             let r = &linear.residual;
             let root = settings.kernel.weight(r[0] * r[0] + r[1] * r[1]).root();
@@ -163,21 +179,24 @@ fn fold_landmarks<'a, T: Real, const FRAMES: usize, const PAIRS: usize>(
                     *out = root * *value;
                 }
                 row[columns] = root * r[k];
-                row[depth] = root * linear.d_residual_d_inverse_depth[k];
+                for (out, value) in row[own..].iter_mut().zip(&linear.d_residual_d_landmark[k]) {
+                    *out = root * *value;
+                }
                 count += 1;
             }
         }
-        if count == 0 {
+        // Three rows say where the landmark is: nothing is left of fewer than two observations.
+        if count < 4 {
             continue;
         }
-        // Reflect the column of λ onto the last row; that row is the conditional of λ and is dropped.
-        let mut own = rows.part(gathered, gathered + count);
-        let (mut others, mut last) = own.split(count - 1);
-        if !(others.column(depth).chain(last.column(depth)).fold(T::ZERO, |sum, value| sum + value * value) > T::of(1e-12)) {
-            continue;
+        // Reflect each of its columns onto a row of its own; those rows are its conditional and are dropped.
+        for k in 0..POINT {
+            let mut left = rows.part(gathered, gathered + count);
+            let (mut others, mut last) = left.split(count - 1);
+            eliminate(last.tiles_mut(), &mut others, own + k, 0);
+            count -= 1;
         }
-        eliminate(last.tiles_mut(), &mut others, depth, 0);
-        gathered += count - 1;
+        gathered += count;
     }
     fold(triangle, &mut rows.part(0, gathered), columns);
 }

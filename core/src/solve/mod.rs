@@ -9,6 +9,7 @@ pub mod cholesky;
 mod levenberg;
 mod marginalize;
 pub mod normal;
+mod point;
 pub mod triangle;
 mod workspace;
 

@@ -2,8 +2,7 @@
 //!
 //! # Model
 //! With `b = (x, y, 1)` in the anchor's camera and inverse depth `λ` (1/m), the point is `b / λ`. Points at infinity
-//! (`λ = 0`) are regular, and only one scalar has to be eliminated from the normal equations; the bearing itself is
-//! refined between solves from all observations ([`Landmark::refine`]).
+//! (`λ = 0`) are regular. All three numbers are estimated: the anchor's corner is an observation like any other.
 
 // A comparison that NaN must fail is written as the negation of what must hold.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
@@ -36,10 +35,10 @@ pub struct Landmark<T: Real, const FRAMES: usize> {
     pub condemned: bool,
     /// `λ`, 1/m, along [`Landmark::bearing`].
     pub inverse_depth: T,
-    /// `λ` before the last step of the solver, to go back to.
-    pub saved_inverse_depth: T,
     /// `(x, y)` of the direction `(x, y, 1)` in the anchor's camera.
     pub bearing: [T; 2],
+    /// `(x, y, λ)` before the last step of the solver, to go back to.
+    saved: [T; 3],
     anchor: u8,
     observed: u32,
     points: [NormalizedPoint<T>; FRAMES],
@@ -54,7 +53,7 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
             active: false,
             condemned: false,
             inverse_depth: T::ZERO,
-            saved_inverse_depth: T::ZERO,
+            saved: [T::ZERO; 3],
             bearing: [point.x, point.y],
             #[allow(clippy::cast_possible_truncation)] // a window holds at most 32 frames
             anchor: frame as u8,
@@ -93,11 +92,30 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
         }
     }
 
-    /// Takes the observation in `frame` out. The anchor's cannot be taken out alone: see [`Landmark::remove_frame`].
-    pub fn forget(&mut self, frame: usize) {
-        if frame != self.anchor() && frame < FRAMES {
-            self.observed &= !(1 << frame);
+    /// Takes the observation in `frame` out. A landmark anchored there moves to the next frame that sees it.
+    pub fn forget(&mut self, frame: usize, camera_poses: &[CameraPose<T>]) {
+        if frame >= FRAMES {
+            return;
         }
+        self.observed &= !(1 << frame);
+        if frame == self.anchor() && self.observed != 0 {
+            let next = self.observed.trailing_zeros() as usize;
+            self.move_anchor(camera_poses.get(frame).zip(camera_poses.get(next)), next);
+        }
+    }
+
+    /// Moves `(x, y, λ)`; [`Self::take_step_back`] undoes it.
+    pub fn take_step(&mut self, step: &[T; 3]) {
+        let [x, y] = self.bearing;
+        self.saved = [x, y, self.inverse_depth];
+        self.bearing = [x + step[0], y + step[1]];
+        self.inverse_depth += step[2];
+    }
+
+    /// To where it was before the last [`Self::take_step`].
+    pub fn take_step_back(&mut self) {
+        let [x, y, inverse_depth] = self.saved;
+        (self.bearing, self.inverse_depth) = ([x, y], inverse_depth);
     }
 
     /// The observation in `frame`, where there is one.
@@ -170,18 +188,17 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
         self.bearing = [seen.x, seen.y];
     }
 
-    /// Inverse depth by linear least squares over all observations, the bearing fixed. Returns `(λ, information of λ)`.
+    /// Inverse depth by linear least squares over all observations, the anchor's corner taken as exact.
     ///
     /// # Model
     /// A ray `R b + λ t` of the anchor meets `(x, y)` in another camera where
     /// `(R b)ₓ − x (R b)_z + λ (tₓ − x t_z) = 0`, likewise for `y`. Rows are divided by the depth, so that they are
     /// in units of the image; two passes suffice.
     #[must_use]
-    pub fn triangulate(&self, camera_poses: &[CameraPose<T>]) -> Option<(T, T)> {
+    pub fn triangulate(&self, camera_poses: &[CameraPose<T>]) -> Option<T> {
         let anchor = camera_poses.get(self.anchor())?;
         let direction = Vector3::new(self.points.get(self.anchor())?.x, self.points.get(self.anchor())?.y, T::one());
         let mut inverse_depth = T::ZERO;
-        let mut information = T::ZERO;
         for _ in 0..3 {
             let (mut numerator, mut sum) = (T::ZERO, T::ZERO);
             for (frame, point) in self.seen().filter(|(frame, _)| *frame != self.anchor()) {
@@ -204,18 +221,17 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
                 return None;
             }
             inverse_depth = numerator / sum;
-            information = sum;
         }
-        Some((inverse_depth, information))
+        Some(inverse_depth)
     }
 
     /// One Gauss-Newton step on bearing and inverse depth over all observations, the anchor's included, poses fixed.
-    /// The step is kept only where it lowers the cost.
-    pub fn refine(&mut self, camera_poses: &[CameraPose<T>]) {
+    /// The step is kept only where it lowers the cost. Returns the information of `λ`, the bearing being unknown too.
+    pub fn refine(&mut self, camera_poses: &[CameraPose<T>]) -> Option<T> {
         let mut hessian = Matrix3::zeros();
         let mut gradient = Vector3::zeros();
         let before = self.cost(camera_poses, self.bearing, self.inverse_depth, Some((&mut hessian, &mut gradient)));
-        let Some(factor) = hessian.cholesky() else { return };
+        let factor = hessian.cholesky()?;
         let step = factor.solve(&gradient);
         let bearing = [self.bearing[0] - step.x, self.bearing[1] - step.y];
         let inverse_depth = self.inverse_depth - step.z;
@@ -223,6 +239,9 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
             self.bearing = bearing;
             self.inverse_depth = inverse_depth;
         }
+        // λ comes last: its pivot is what is left when x and y are eliminated.
+        let pivot = factor.l_dirty()[(2, 2)];
+        Some(pivot * pivot)
     }
 
     /// Half the sum of squared whitened residuals, and its normal equations in `(x, y, λ)` where asked for.

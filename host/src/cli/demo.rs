@@ -11,7 +11,7 @@ use libella_host::pipeline::{self, ContactSheet, Figure, Report};
 use libella_host::sim::{RenderConfig, RenderedFlight};
 
 use super::run::{describe, exit, parse_scalar, progress, stop_on_interrupt, subtitle, word};
-use super::simulate::{motion, unusable};
+use super::simulate::{motion, movers, unusable};
 use super::{Exit, say};
 
 #[derive(clap::Args)]
@@ -31,6 +31,9 @@ pub(crate) struct Arguments {
     /// Seconds of flight, 1 to 3600.
     #[arg(long, value_name = "SECONDS", default_value_t = 30.0, allow_negative_numbers = true)]
     duration: f64,
+    /// Moving objects in the room, 0 to 20: carts, swinging boards, turntables.
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true)]
+    dynamic: i32,
     /// Seed of the motion and of all noise.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -41,14 +44,17 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let source = motion(&arguments.trajectory, arguments.duration)?;
+    let movers = movers(arguments.dynamic)?;
     let config = Config { scalar: arguments.scalar, seed: arguments.seed, ..Config::default() };
     pipeline::prepare_outputs(&arguments.out)?;
     let stop = stop_on_interrupt();
     let begun = Instant::now();
-    let flight = RenderedFlight::new(&source, &RenderConfig::default(), arguments.scene_seed, arguments.seed).map_err(unusable)?;
+    let flight =
+        RenderedFlight::with_movers(&source, &RenderConfig::default(), arguments.scene_seed, arguments.seed, movers).map_err(unusable)?;
     let room_s = begun.elapsed().as_secs_f64();
     let motion = PathBuf::from(&arguments.trajectory).file_name().map(|name| name.to_string_lossy().into_owned());
-    let name = format!("{}, room {}", motion.unwrap_or_default(), arguments.scene_seed);
+    let crowd = if movers > 0 { format!(", {movers} moving objects") } else { String::new() };
+    let name = format!("{}, room {}{crowd}", motion.unwrap_or_default(), arguments.scene_seed);
     let (recording, clock) = pipeline::rendered_recording(&name, &Arc::new(flight));
 
     let bar = progress(recording.frames.len(), arguments.quiet);

@@ -23,6 +23,10 @@ pub(crate) struct Arguments {
     /// Seconds of flight, 1 to 3600; a recorded motion ends with its recording.
     #[arg(long, value_name = "SECONDS", default_value_t = 60.0, allow_negative_numbers = true)]
     duration: f64,
+    /// Moving objects in the room, 0 to 20: carts, swinging boards, turntables. They are in the images and depth maps; planes.json
+    /// and the room itself are the same without them.
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true)]
+    dynamic: i32,
     /// Seed of the motion and of all noise.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -39,12 +43,14 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let source = motion(&arguments.trajectory, arguments.duration)?;
+    let movers = movers(arguments.dynamic)?;
     if arguments.out.join("mav0").exists() {
         let remedy = "give another folder with --out, or delete it";
         return Err(Fault::new(FaultKind::Output, "holds a recording already", remedy).at(&arguments.out));
     }
     let stop = stop_on_interrupt();
-    let rendered = RenderedFlight::new(&source, &RenderConfig::default(), arguments.scene_seed, arguments.seed).map_err(unusable)?;
+    let (room, seed) = (arguments.scene_seed, arguments.seed);
+    let rendered = RenderedFlight::with_movers(&source, &RenderConfig::default(), room, seed, movers).map_err(unusable)?;
     let options = AslOptions { right_camera: arguments.right, depth: !arguments.no_depth };
     let all = rendered.flight.frame_stamps.len();
     let bar = progress(all, arguments.quiet);
@@ -61,7 +67,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         return Ok(Exit::Interrupted);
     }
     if !arguments.quiet {
-        let (room, name) = (arguments.scene_seed, &arguments.trajectory);
+        let name = &arguments.trajectory;
         let seconds = bar.elapsed().as_secs_f64();
         say(&format!("recording       {}\nmotion          {name}, room {room}, {all} images in {seconds:.1} s\n", arguments.out.display()));
     }
@@ -78,12 +84,21 @@ pub(super) fn motion(name: &str, duration_s: f64) -> Result<MotionSource, Fault>
     MotionSource::parse(name, duration_s).map_err(unusable)
 }
 
+/// The number of moving objects.
+pub(super) fn movers(count: i32) -> Result<usize, Fault> {
+    SimError::check("--dynamic", f64::from(count), 0.0, sim::MOST_MOVERS as f64).map_err(unusable)?;
+    Ok(usize::try_from(count).unwrap_or(0))
+}
+
 /// A parameter out of range, or a recorded motion that cannot be flown.
 pub(super) fn unusable(error: SimError) -> Fault {
     match error {
         SimError::File { path, reason } => Fault::missing(&path, format!("cannot be read ({reason})"), "give the folder that holds `mav0`"),
         SimError::Line { path, line, reason } => Fault::malformed(&path, reason, "copy the recording again").line(line as u64),
         SimError::OutOfRange { .. } => Fault::new(FaultKind::Configuration, error.to_string(), "choose a value within it"),
+        SimError::Crowded { .. } => {
+            Fault::new(FaultKind::Configuration, error.to_string(), "ask for fewer with --dynamic, or choose another room")
+        }
         _ => Fault::new(FaultKind::Malformed, error.to_string(), "give another recording"),
     }
 }

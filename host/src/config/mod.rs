@@ -45,9 +45,9 @@ pub struct Config {
 pub struct EstimatorSection {
     /// Iterations of the solver per image at most. Default 4.
     pub iterations: u8,
-    /// Factor on the white noise densities: what the datasheet leaves out (vibration, scale errors, sampling jitter). Default 4.0.
+    /// Factor on the white noise densities: what the datasheet leaves out (vibration, scale errors, sampling jitter). Default 8.0.
     pub imu_noise_inflation: f64,
-    /// Factor on the random walks of the biases. Default 4.0.
+    /// Factor on the random walks of the biases. Default 1.5.
     pub imu_walk_inflation: f64,
     /// Magnitude of gravity, m/s². Default 9.81.
     pub gravity_m_s2: f64,
@@ -55,7 +55,7 @@ pub struct EstimatorSection {
     pub sigma_px: f64,
     /// Where the Huber cost of an observation turns linear, in standard deviations. Default 2.0.
     pub huber: f64,
-    /// Squared whitened residual over which an observation is taken out after solving (χ² of 2 degrees of freedom). Default 9.21.
+    /// Squared whitened residual over which an observation is taken out after solving : four standard deviations. Default 16.0.
     pub outlier_chi2: f64,
     /// A frame becomes a keyframe when its corners have moved this far since the last one, rotation apart, px. Default 20.0.
     pub keyframe_parallax_px: f64,
@@ -63,7 +63,7 @@ pub struct EstimatorSection {
     pub keyframe_shared_ratio: f64,
     /// Or after this time with at least a quarter of that parallax, s. Default 1.0.
     pub keyframe_interval_s: f64,
-    /// A landmark takes part in the solution when its inverse depth is known to one part in this. Default 4.0.
+    /// A landmark takes part in the solution when its inverse depth is this many standard deviations from infinity. Default 1.5.
     pub depth_significance: f64,
     /// Standard deviation of the velocity of a body found at rest, m/s. Default 0.02.
     pub rest_sigma_m_s: f64,

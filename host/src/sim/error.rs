@@ -41,6 +41,13 @@ pub enum SimError {
         /// Row, px.
         y: f64,
     },
+    /// No place is left for something that moves.
+    Crowded {
+        /// How many found their place.
+        placed: usize,
+        /// How many were asked for.
+        wanted: usize,
+    },
     /// A file that cannot be read or written.
     File {
         /// Which.
@@ -80,6 +87,7 @@ impl fmt::Display for SimError {
             Self::TooShort { what, count, least } => write!(f, "{count} {what} are too few, at least {least} are needed"),
             Self::NotRising { what, index } => write!(f, "the times of the {what} do not rise at sample {index}"),
             Self::NoRay { x, y } => write!(f, "the camera has no ray to the front at pixel {x} {y}"),
+            Self::Crowded { placed, wanted } => write!(f, "the room has space for {placed} of {wanted} moving objects"),
             Self::File { path, reason } => write!(f, "{}: {reason}", path.display()),
             Self::Line { path, line, reason } => write!(f, "{} line {line}: {reason}", path.display()),
         }

@@ -19,6 +19,8 @@ struct Likeness {
     corners: f64,
     /// Mean and standard deviation of the grey values, mean over the pictures.
     grey: [f64; 2],
+    /// Grey values below which 5, 25, 50, 75 and 95 % of the pixels lie, mean over the pictures.
+    quantiles: [f64; 5],
     /// Share of corners of a picture that are still followed 10 pictures later; NaN for pictures that do not follow each other.
     kept: f64,
     /// Mean length of the tracks that ended, in pictures.
@@ -29,7 +31,7 @@ fn measure(images: impl Iterator<Item = GrayImage>, is_film: bool) -> Likeness {
     let mut pyramids = Box::<PyramidPair<BYTES>>::default();
     let mut front_end = Box::new(FrontEnd::<200>::new(FrontEndConfig::for_image(752, 480, 150)));
     let camera = euroc::camera(0);
-    let (mut count, mut corners, mut grey) = (0.0, 0.0, [0.0; 2]);
+    let (mut count, mut corners, mut grey, mut quantiles) = (0.0, 0.0, [0.0; 2], [0.0; 5]);
     let mut history: Vec<Vec<TrackId>> = Vec::new();
     let mut births = std::collections::HashMap::new();
     for image in images {
@@ -47,6 +49,11 @@ fn measure(images: impl Iterator<Item = GrayImage>, is_film: bool) -> Likeness {
         let mean = image.pixels.iter().map(|value| f64::from(*value)).sum::<f64>() / image.pixels.len() as f64;
         let variance = image.pixels.iter().map(|value| (f64::from(*value) - mean).powi(2)).sum::<f64>() / image.pixels.len() as f64;
         grey = [grey[0] + mean, grey[1] + variance.sqrt()];
+        let mut sorted = image.pixels;
+        sorted.sort_unstable();
+        for (sum, percent) in quantiles.iter_mut().zip([5, 25, 50, 75, 95]) {
+            *sum += f64::from(sorted[sorted.len() * percent / 100]);
+        }
         count += 1.0;
     }
     let kept: Vec<f64> = history
@@ -56,7 +63,13 @@ fn measure(images: impl Iterator<Item = GrayImage>, is_film: bool) -> Likeness {
         .collect();
     let ended: Vec<f64> = births.iter().filter(|(id, _)| !history.last().unwrap().contains(id)).map(|(_, length)| *length).collect();
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-    Likeness { corners: corners / count, grey: grey.map(|sum| sum / count), kept: mean(&kept), track: mean(&ended) }
+    Likeness {
+        corners: corners / count,
+        grey: grey.map(|sum| sum / count),
+        quantiles: quantiles.map(|sum| sum / count),
+        kept: mean(&kept),
+        track: mean(&ended),
+    }
 }
 
 /// Pictures of a folder in the order of their names, every `step`-th.
@@ -79,7 +92,7 @@ fn rendered_pictures_are_like_real_ones() {
     };
     let vicon = measure(files(&root.join("euroc/V1_01_keyframes/cam0/data"), 1), false);
     let hall = measure(files(&root.join("euroc/MH_01_easy/mav0/cam0/data"), 1).take(200), true);
-    eprintln!("real V1_01 keyframes  {vicon:.2?}\nreal MH_01            {hall:.2?}");
+    eprintln!("real V1_01 keyframes  {vicon:.1?}\nreal MH_01            {hall:.2?}");
     for (scene_seed, motion) in [(1, "V1_01_easy"), (2, "V1_02_medium"), (3, "V2_01_easy")] {
         let config = RealMotionConfig { start_s: 10.0, duration_s: 10.0, ..RealMotionConfig::default() };
         let source = MotionSource::Recorded(root.join("euroc_motion").join(motion), config);
@@ -93,6 +106,54 @@ fn rendered_pictures_are_like_real_ones() {
             (0.6..1.6).contains(&(rendered.grey[0] / vicon.grey[0])) && (0.5..1.6).contains(&(rendered.grey[1] / vicon.grey[1])),
             "grey"
         );
+        assert!((0.6..1.6).contains(&(rendered.quantiles[2] / vicon.quantiles[2])), "median grey");
         assert!((0.6..1.6).contains(&(rendered.kept / hall.kept)) && (0.5..3.0).contains(&(rendered.track / hall.track)), "tracks");
     }
+}
+
+/// Half the width and height of a picture: means of four pixels.
+fn halved(image: &GrayImage) -> image::GrayImage {
+    let [width, height] = [image.width, image.height].map(|side| u32::try_from(side / 2).unwrap());
+    image::GrayImage::from_fn(width, height, |x, y| {
+        let at = |dx, dy| u32::from(image.pixels[(2 * y as usize + dy) * image.width + 2 * x as usize + dx]);
+        image::Luma([u8::try_from((at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1) + 2) / 4).unwrap()])
+    })
+}
+
+/// Pictures in rows of three.
+fn sheet(path: &Path, pictures: &[GrayImage]) {
+    let (width, height, gap) = (376, 240, 4);
+    let rows = i64::try_from(pictures.len().div_ceil(3)).unwrap();
+    let size = [3 * (width + gap) - gap, rows * (height + gap) - gap].map(|side| u32::try_from(side).unwrap());
+    let mut sheet = image::GrayImage::from_pixel(size[0], size[1], image::Luma([255]));
+    for (place, picture) in (0..).zip(pictures) {
+        image::imageops::replace(&mut sheet, &halved(picture), place % 3 * (width + gap), place / 3 * (height + gap));
+    }
+    sheet.save(path).unwrap();
+    eprintln!("{}", path.display());
+}
+
+/// Pictures for the eye, in `LOOK` or else `target/look`: `rendered.png` of three rooms, and with `LIBELLA_DATA` `beside_real.png` with two
+/// rows of real ones above: `cargo test -p libella-host contact_sheets -- --ignored --nocapture`
+#[test]
+#[ignore = "writes pictures for the eye"]
+fn contact_sheets() {
+    let folder = PathBuf::from(std::env::var_os("LOOK").unwrap_or("target/look".into()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let mut rendered = Vec::new();
+    for room in 1..=3 {
+        let source = MotionSource::parse("medium", 24.0).unwrap();
+        let flight = RenderedFlight::new(&source, &RenderConfig::default(), room, room).unwrap();
+        let renderer = flight.renderer(0).unwrap();
+        rendered.extend([120, 280, 440].map(|index| flight.image(&renderer, index).unwrap()));
+    }
+    sheet(&folder.join("rendered.png"), &rendered);
+    let Some(root) = std::env::var_os("LIBELLA_DATA").map(PathBuf::from).filter(|root| root.join("euroc").is_dir()) else {
+        eprintln!("skipped: LIBELLA_DATA has no euroc");
+        return;
+    };
+    let mut both: Vec<_> = files(&root.join("euroc/V1_01_keyframes/cam0/data"), 15).take(3).collect();
+    both.extend(files(&root.join("euroc/MH_01_easy/mav0/cam0/data"), 110).take(3));
+    both.extend(rendered);
+    sheet(&folder.join("beside_real.png"), &both);
 }

@@ -4,7 +4,7 @@
 //! MotionKind ─▶ Analytic ─┐                     ┌─▶ imu ─────▶ samples, true states ─┐
 //!                         ├─▶ Trajectory ─▶ Flight                                   ├─▶ Recording
 //! EuRoC csv ──▶ Spline ───┘          │          └─▶ features ─▶ tracks ──────────────┘
-//!                       Scene ─▶ World (baked) ─▶ Renderer ─▶ images, depth ─▶ stream, EuRoC folder
+//!             Scene, Movers ─▶ World (baked) ─▶ Renderer ─▶ images, depth ─▶ stream, EuRoC folder
 //! ```
 //! Everything is a function of a configuration and a seed. Single views of many rooms, for training a network, come from [`rooms`].
 
@@ -28,6 +28,8 @@ mod texture;
 
 #[cfg(test)]
 mod likeness_tests;
+#[cfg(test)]
+mod refusal_tests;
 
 pub use asl::{AslOptions, planes_json, write_asl};
 pub use error::SimError;
@@ -37,7 +39,7 @@ pub use imu::ImuConfig;
 pub use photometry::PhotometryConfig;
 pub use render::{DepthMap, RenderConfig, Renderer, World};
 pub use rooms::{RoomView, RoomsConfig, room_views};
-pub use scene::{RoomConfig, Scene};
+pub use scene::{MOST_MOVERS, Mover, RoomConfig, Scene};
 pub use stream::{ImageStream, MotionSource, RenderedFlight};
 pub use trajectory::{AnalyticConfig, Motion, MotionKind, Trajectory};
 

@@ -27,7 +27,7 @@ pub struct PhotometryConfig {
 
 impl Default for PhotometryConfig {
     fn default() -> Self {
-        Self { target_grey: 140.0, control: 0.6, vignetting: 0.3, read_noise: 1.2, shot_noise: 0.02 }
+        Self { target_grey: 165.0, control: 0.6, vignetting: 0.3, read_noise: 1.2, shot_noise: 0.02 }
     }
 }
 

@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use super::photometry::PhotometryConfig;
 use super::random::{Random, mix};
 use super::render::{RenderConfig, Renderer, World};
-use super::scene::{Hidden, Material, Quad, RoomConfig, Scene};
+use super::scene::{Hidden, Material, Quad, RoomConfig, Scene, box_sides};
 use super::trajectory::{Motion, Trajectory};
 use super::{SimError, euroc};
 use crate::dataset::GrayImage;
@@ -88,7 +88,7 @@ pub fn room_views(config: &RoomsConfig, seed: u64, mut each: impl FnMut(RoomView
     let (room, scene, path) = furnished(&mut random, config.flight_share, seed)?;
     // What is finer than half a pixel at a metre is not seen: texels as coarse as that save most of the baking.
     let coarseness = (752.0 / f64::from(config.size_px[0])).clamp(1.0, 2.0);
-    let world = World::bake_coarsely(scene, mix(seed ^ 0x51), config.threads, coarseness);
+    let world = World::bake_coarsely(scene, Vec::new(), mix(seed ^ 0x51), config.threads, coarseness);
     let [zoom, bend] = if config.varied_camera { [random.between(0.9, 1.2), random.between(0.85, 1.05)] } else { [1.0; 2] };
     let photometry = PhotometryConfig {
         target_grey: random.between(70.0, 160.0),
@@ -107,7 +107,7 @@ pub fn room_views(config: &RoomsConfig, seed: u64, mut each: impl FnMut(RoomView
     for index in 0..config.views {
         let glide = glide(&mut random, &room, &world.scene, &path);
         let image = pictures.image(&glide, 0.0, index as u64);
-        let depth_m = depths.depth(&glide.world_from_camera).depth_m;
+        let depth_m = depths.depth(&glide.world_from_camera, 0.0).depth_m;
         each(RoomView { image, depth_m, normalised_intrinsics: normalised, world_from_camera: glide.world_from_camera });
     }
     Ok(())
@@ -226,7 +226,7 @@ fn clutter(scene: &mut Scene, room: &RoomConfig, random: &mut Random) {
         let place = Vector3::new(spread.x * random.between(-1.0, 1.0), spread.y * random.between(-1.0, 1.0), lift);
         let material = Material::ALL[random.below(Material::ALL.len())];
         let material = if material == Material::Checkerboard { Material::Poster } else { material };
-        scene.add_box(room.floor_center_m + place, half, &turn, material, Hidden::Nothing);
+        scene.quads.extend(box_sides(room.floor_center_m + place, half, &turn, material, Hidden::Nothing));
     }
 }
 

@@ -71,6 +71,14 @@ impl RenderedFlight {
     /// # Errors
     /// A parameter out of range, or a recording that cannot be read.
     pub fn new(source: &MotionSource, render: &RenderConfig, scene_seed: u64, seed: u64) -> Result<Self, SimError> {
+        Self::with_movers(source, render, scene_seed, seed, 0)
+    }
+
+    /// [`new`](Self::new) with moving objects, at most [`MOST_MOVERS`](super::MOST_MOVERS). The room and the flight are the same without them.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new), or more objects than the room has space for.
+    pub fn with_movers(source: &MotionSource, render: &RenderConfig, scene_seed: u64, seed: u64, movers: usize) -> Result<Self, SimError> {
         SimError::check("render.threads", render.threads as f64, 1.0, 256.0)?;
         let flight = match source {
             MotionSource::Analytic(motion, imu) => Flight::analytic(motion, imu, 20.0, seed)?,
@@ -78,7 +86,9 @@ impl RenderedFlight {
         };
         let path: Vec<Vector3<f64>> = flight.path();
         let room: RoomConfig = flight.fitting_room();
-        let world = World::bake(Scene::room(&room, &path, scene_seed)?, scene_seed, render.threads);
+        let scene = Scene::room(&room, &path, scene_seed)?;
+        let movers = scene.movers(&room, &path, movers, scene_seed)?;
+        let world = World::bake_with(scene, movers, scene_seed, render.threads);
         Ok(Self { flight, world, render: *render, seed })
     }
 

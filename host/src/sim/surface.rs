@@ -64,13 +64,12 @@ impl Surface {
     pub(super) const UNIT: f32 = UNIT;
 
     /// Evaluates a cover under a light and builds the levels.
-    fn bake(scene: &Scene, index: usize, lamps: &[Lamp], seed: u64, coarseness: f64) -> Self {
-        let quad = &scene.quads[index];
+    fn bake(scene: &Scene, quad: &Quad, index: usize, lamps: &[Lamp], seed: u64, coarseness: f64) -> Self {
         // Things in a hall of 11 times a room's floor are seen from three times as far.
         let largest = scene.quads.iter().map(|quad| quad.size_m[0] * quad.size_m[1]).fold(64.0, f64::max);
         let counts = texel_counts(quad, (64.0 / largest).sqrt(), coarseness);
         let paint = Paint::new(quad, seed, index as u64, (quad.size_m[0] / counts[0] as f64) as f32);
-        let light = LightGrid::new(scene, index, lamps, seed);
+        let light = LightGrid::new(scene, quad, index, lamps, seed);
         let glow = quad.material.glow();
         let step = [0, 1].map(|k| quad.size_m[k] as f32 / counts[k] as f32);
         let mut finest = Vec::with_capacity(counts[0] * counts[1]);
@@ -175,8 +174,7 @@ struct LightGrid {
 
 impl LightGrid {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    fn new(scene: &Scene, index: usize, lamps: &[Lamp], seed: u64) -> Self {
-        let quad = &scene.quads[index];
+    fn new(scene: &Scene, quad: &Quad, index: usize, lamps: &[Lamp], seed: u64) -> Self {
         let cell = (quad.size_m[0] * quad.size_m[1] / 4000.0).sqrt().clamp(0.14, 0.5);
         let size = quad.size_m.map(|side| ((side / cell).ceil() as usize + 1).clamp(2, 200));
         let mut random = Random::new(mix(seed ^ (index as u64)), "light");
@@ -245,9 +243,11 @@ fn light_on(scene: &Scene, point: &Vector3<f64>, quad: &Quad, lamps: &[Lamp], ra
     light
 }
 
-/// Bakes all rectangles of a scene on a number of threads. The result does not depend on that number.
-pub(super) fn bake(scene: &Scene, seed: u64, threads: usize, coarseness: f64) -> Vec<Surface> {
+/// Bakes all rectangles of a scene, and `more` in it that neither shade nor hide it, on a number of threads. The result does not
+/// depend on that number, nor that of the scene's own rectangles on the others.
+pub(super) fn bake(scene: &Scene, more: &[Quad], seed: u64, threads: usize, coarseness: f64) -> Vec<Surface> {
     let lamps = lamps(scene, seed);
+    let quads: Vec<&Quad> = scene.quads.iter().chain(more).collect();
     let next = std::sync::atomic::AtomicUsize::new(0);
     let mut parts: Vec<(usize, Surface)> = std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads.max(1))
@@ -256,10 +256,8 @@ pub(super) fn bake(scene: &Scene, seed: u64, threads: usize, coarseness: f64) ->
                     let mut done = Vec::new();
                     loop {
                         let index = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-                        if index >= scene.quads.len() {
-                            break done;
-                        }
-                        done.push((index, Surface::bake(scene, index, &lamps, seed, coarseness)));
+                        let Some(quad) = quads.get(index) else { break done };
+                        done.push((index, Surface::bake(scene, quad, index, &lamps, seed, coarseness)));
                     }
                 })
             })

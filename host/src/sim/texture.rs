@@ -193,16 +193,16 @@ impl Paint {
         let other = Noise { seed: n.seed ^ 0x5555_1234 };
         let value = match self.material {
             Material::Plaster => {
-                let (mark, tone) = other.spot(u * 3.1, v * 3.1, 0.16);
-                let (dent, _) = n.spot(u * 17.0, v * 17.0, 0.018);
+                let (mark, tone) = other.spot(u * 3.1, v * 3.1, 0.06);
+                let (dent, _) = n.spot(u * 17.0, v * 17.0, 0.008);
                 let base = 0.8 + 0.05 * n.fractal(u * 0.9, v * 0.9, 3) + 0.02 * n.at(u * 60.0, v * 60.0);
                 blend(blend(base, 0.45 + 0.25 * tone, 0.35 * mark), 0.25, dent * 0.8)
             }
             Material::Floor => {
-                let (stain, tone) = other.spot(u * 2.3, v * 2.3, 0.3);
-                let (chip, chip_tone) = n.spot(u * 13.0, v * 13.0, 0.03);
+                let (stain, tone) = other.spot(u * 2.3, v * 2.3, 0.15);
+                let (chip, chip_tone) = n.spot(u * 13.0, v * 13.0, 0.015);
                 let joint = self.pen.line(repeat(u, 2.0).1 - 1.0, 0.004).max(self.pen.line(repeat(v, 2.0).1 - 1.0, 0.004));
-                let base = 0.27 + 0.07 * n.fractal(u * 1.3, v * 1.3, 4) + 0.03 * n.fractal(u * 70.0, v * 70.0, 2);
+                let base = 0.27 + 0.07 * n.fractal(u * 1.3, v * 1.3, 4) + 0.018 * n.fractal(u * 70.0, v * 70.0, 2);
                 let base = blend(base, 0.18 + 0.3 * tone, 0.3 * stain);
                 blend(blend(base, if chip_tone > 0.6 { 0.7 } else { 0.1 }, chip * 0.8), 0.1, 0.7 * joint)
             }
@@ -222,9 +222,9 @@ impl Paint {
                     .max(self.pen.line(x - 0.44, 0.007))
                     .max(self.pen.line(y, 0.007))
                     .max(self.pen.line(y - 0.22, 0.007));
-                let (hole, _) = other.spot(u * 21.0, v * 21.0, 0.16);
-                let base = 0.5 + 0.12 * (n.cell(column, row) - 0.5) + 0.1 * n.fractal(u * 12.0, v * 12.0, 4);
-                blend(base - 0.2 * hole, 0.33, 0.8 * mortar)
+                let (hole, _) = other.spot(u * 21.0, v * 21.0, 0.08);
+                let base = 0.5 + 0.12 * (n.cell(column, row) - 0.5) + 0.06 * n.fractal(u * 12.0, v * 12.0, 4);
+                blend(base - 0.15 * hole, 0.33, 0.4 * mortar)
             }
             Material::Curtain => {
                 let warp = 0.35 * n.at(u * 1.5, v * 0.4) + 0.1 * n.at(u * 5.0, v * 0.8);

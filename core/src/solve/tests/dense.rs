@@ -8,18 +8,16 @@ use nalgebra::{DMatrix, DVector, Matrix6, RowVector6};
 use super::world::{Recipe, SmallPrior, SmallWindow, SmallWorkspace, World};
 use crate::factor::{imu, reprojection};
 use crate::robust::kernel::Kernel;
+use crate::solve::point::FLOOR;
 use crate::solve::{Settings, assemble, back_substitute, chain, cost, optimize};
 use crate::storage::blocks::place;
 
-/// What [`assemble`] adds to the curvature of every landmark.
-const DEPTH_FLOOR: f64 = 1e-6;
-
-/// Rows of all factors as one matrix; unknowns are the frames, 15 each, then the active landmarks.
+/// Rows of all factors as one matrix; unknowns are the frames, 15 each, then the active landmarks, `x, y, λ`.
 pub struct Dense {
     pub jacobian: DMatrix<f64>,
     pub residual: DVector<f64>,
     pub frames: usize,
-    /// Unknown of each landmark, by its place in the window.
+    /// First unknown of each landmark, by its place in the window.
     pub landmarks: Vec<Option<usize>>,
 }
 
@@ -28,7 +26,7 @@ impl Dense {
     pub fn normal_equations(&self) -> (DMatrix<f64>, DVector<f64>) {
         let mut hessian = self.jacobian.transpose() * &self.jacobian;
         for k in 15 * self.frames..hessian.nrows() {
-            hessian[(k, k)] += DEPTH_FLOOR;
+            hessian[(k, k)] += FLOOR;
         }
         (hessian, self.jacobian.transpose() * &self.residual)
     }
@@ -64,7 +62,7 @@ pub fn dense(window: &SmallWindow<f64>, prior: &SmallPrior<f64>, settings: &Sett
     let mut columns = 15 * frames;
     for landmark in &window.landmarks {
         landmarks.push(landmark.active.then_some(columns));
-        columns += usize::from(landmark.active);
+        columns += 3 * usize::from(landmark.active);
     }
     let mut rows: Vec<(DVector<f64>, f64)> = Vec::new();
     let (root, right) = dense_prior(window, prior);
@@ -98,7 +96,17 @@ pub fn dense(window: &SmallWindow<f64>, prior: &SmallPrior<f64>, settings: &Sett
     }
     for (landmark, column) in window.landmarks.iter().zip(&landmarks) {
         let (anchor, Some(column)) = (landmark.anchor(), column) else { continue };
-        for (frame, point) in landmark.seen().filter(|(frame, _)| *frame != anchor) {
+        for (frame, point) in landmark.seen() {
+            if frame == anchor {
+                let residual = reprojection::at_anchor(&landmark.direction(), point);
+                let root = settings.kernel.weight(residual.norm_squared()).sqrt();
+                for k in 0..2 {
+                    let mut whole = DVector::zeros(columns);
+                    whole[*column + k] = root * point.inverse_sigma;
+                    rows.push((whole, root * residual[k]));
+                }
+                continue;
+            }
             let geometry = &workspace.geometry;
             let (pair, first_pair) = (&geometry.pairs[place(frame, anchor)], &geometry.first_pairs[place(frame, anchor)]);
             let linear = reprojection::linearize(pair, first_pair, &landmark.direction(), landmark.inverse_depth, point).unwrap();
@@ -117,7 +125,9 @@ pub fn dense(window: &SmallWindow<f64>, prior: &SmallPrior<f64>, settings: &Sett
                     whole[15 * anchor + c] = root * anchored[c];
                     whole[15 * frame + c] = root * target[c];
                 }
-                whole[*column] = root * linear.d_residual_d_inverse_depth[k];
+                for c in 0..3 {
+                    whole[*column + c] = root * linear.d_residual_d_landmark[k][c];
+                }
                 rows.push((whole, root * linear.residual[k]));
             }
         }
@@ -232,7 +242,10 @@ fn the_step_is_that_of_the_whole_system() {
         let mut found = DVector::zeros(expected.len());
         found.rows_mut(0, n).copy_from_slice(&workspace.step.as_flattened()[..n]);
         for ((before, after), column) in world.window.landmarks.iter().zip(&window.landmarks).zip(&whole.landmarks) {
-            found[column.unwrap()] = after.inverse_depth - before.inverse_depth;
+            let column = column.unwrap();
+            found[column] = after.bearing[0] - before.bearing[0];
+            found[column + 1] = after.bearing[1] - before.bearing[1];
+            found[column + 2] = after.inverse_depth - before.inverse_depth;
         }
         // In the norm of the problem, ‖J x‖: along directions that are hardly known both roads carry the rounding of the condition.
         let error = (&whole.jacobian * (&found - &expected)).norm() / (&whole.jacobian * &expected).norm();
@@ -306,8 +319,13 @@ fn the_gradient_is_the_slope_of_the_cost() {
                     let state = &mut window.frames[column / 15].state;
                     *state = state.retract(&delta);
                 } else {
-                    let landmark = whole.landmarks.iter().position(|unknown| *unknown == Some(column)).unwrap();
-                    window.landmarks[landmark].inverse_depth += sign * step;
+                    let of = |unknown: &Option<usize>| unknown.is_some_and(|first| (first..first + 3).contains(&column));
+                    let index = whole.landmarks.iter().position(of).unwrap();
+                    let landmark = &mut window.landmarks[index];
+                    match column - whole.landmarks[index].unwrap() {
+                        2 => landmark.inverse_depth += sign * step,
+                        axis => landmark.bearing[axis] += sign * step,
+                    }
                 }
                 cost_at(&window)
             };

@@ -83,12 +83,12 @@ fn the_cost_at_the_minimum_is_that_of_the_noise() {
     for seed in 100..100 + runs {
         let mut world = World::<f64>::new(&Recipe { seed, noise: 1.0, error: 0.1, ..Recipe::default() });
         total += solve(&mut world, 20).final_cost;
-        // Bearings are given without noise, inertial residuals and prior are zero at the truth: what is random are the corners alone.
-        // Their part of the cost is at most half their number, and at least half of what the unknowns cannot explain.
-        let rows: usize = world.window.landmarks.iter().map(|landmark| 2 * (landmark.observations() - 1)).sum();
+        // Inertial residuals and prior are zero at the truth: what is random are the corners alone. Their part of the cost is at
+        // most half their number less what their own landmarks explain, and at least half of what the unknowns cannot explain.
+        let rows: usize = world.window.landmarks.iter().map(|landmark| 2 * landmark.observations() - 3).sum();
         redundancy += rows as f64;
     }
-    let unknowns = (runs as f64) * (15.0 * 6.0 + super::world::POINTS as f64);
+    let unknowns = (runs as f64) * (15.0 * 6.0);
     assert!(2.0 * total < redundancy + 3.0 * (2.0 * redundancy).sqrt(), "{total} of {redundancy}");
     assert!(2.0 * total > redundancy - unknowns - 3.0 * (2.0 * redundancy).sqrt(), "{total} of {redundancy}");
 }

@@ -123,7 +123,7 @@ fn leaving_rows(whole: &Dense, window: &SmallWindow<f64>) -> (DMatrix<f64>, DVec
     let newest = window.frames.len() - 1;
     let mut gone: Vec<usize> = (0..15).collect();
     for (landmark, column) in window.landmarks.iter().zip(&whole.landmarks) {
-        gone.extend(column.filter(|_| leaves(landmark, newest)));
+        gone.extend(column.filter(|_| leaves(landmark, newest)).into_iter().flat_map(|first| first..first + 3));
     }
     let rows: Vec<usize> = (0..whole.jacobian.nrows()).filter(|r| gone.iter().any(|c| whole.jacobian[(*r, *c)] != 0.0)).collect();
     let jacobian = DMatrix::from_fn(rows.len(), whole.jacobian.ncols(), |r, c| whole.jacobian[(rows[r], c)]);

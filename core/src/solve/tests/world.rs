@@ -148,7 +148,7 @@ impl<T: Real> World<T> {
             for (frame, point) in points.enumerate() {
                 landmark.observe(anchor + 1 + frame, point);
             }
-            // The bearing is not estimated by the window: it is known here, so that the noise-free cost can vanish.
+            // The estimate starts at the truth: the noise-free cost can vanish.
             landmark.bearing = [T::of(direction.x), T::of(direction.y)];
             landmark.inverse_depth = T::of(inverse_depth * (1.0 + 0.1 * recipe.error * normal.draw()));
             landmark.active = true;

@@ -11,28 +11,27 @@
 //! cannot see the rectangle: each tile tries only what is left. The rays of all sub-pixels are unprojected once per camera, so
 //! the distortion is exact. Sub-pixels share the exposure: each is taken at another instant, which is the motion blur.
 
+mod depth;
+mod face;
+#[cfg(test)]
+mod mover_tests;
+#[cfg(test)]
+mod tests;
+mod world;
+
+pub use depth::DepthMap;
+pub use world::World;
+
 use libella_core::camera::{Camera, CameraModel};
-use nalgebra::{Isometry3, Vector2, Vector3};
+use nalgebra::{Isometry3, Vector2};
 
 use super::SimError;
 use super::photometry::{Photometry, PhotometryConfig};
-use super::scene::Scene;
-use super::surface::{self, Surface};
+use super::surface::Surface;
 use super::trajectory::Trajectory;
 use crate::dataset::GrayImage;
-
-/// What lies behind every pixel centre.
-#[derive(Debug, Clone, PartialEq)]
-pub struct DepthMap {
-    /// Width, px.
-    pub width: usize,
-    /// Height, px.
-    pub height: usize,
-    /// Depth along the optical axis, m; 0 where there is nothing.
-    pub depth_m: Vec<f64>,
-    /// Index of the rectangle; `u16::MAX` where there is none.
-    pub quad: Vec<u16>,
-}
+use face::{Face, linear, nearest};
+use world::Moment;
 
 /// How pictures are taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,104 +51,10 @@ impl Default for RenderConfig {
     }
 }
 
-/// A scene with baked light.
-#[derive(Debug, Clone)]
-pub struct World {
-    /// What it is made of.
-    pub scene: Scene,
-    surfaces: Vec<Surface>,
-}
-
-impl World {
-    /// Paints and lights a scene. Takes a second or so for a room; `threads` do not change the result.
-    #[must_use]
-    pub fn bake(scene: Scene, seed: u64, threads: usize) -> Self {
-        Self::bake_coarsely(scene, seed, threads, 1.0)
-    }
-
-    /// [`bake`](Self::bake) with texels `coarseness` (1 or more) times as wide: for small pictures, in a fraction of the time.
-    #[must_use]
-    pub fn bake_coarsely(scene: Scene, seed: u64, threads: usize, coarseness: f64) -> Self {
-        let surfaces = surface::bake(&scene, seed, threads, coarseness.max(1.0));
-        Self { scene, surfaces }
-    }
-}
-
 /// Pixels per side of a tile.
 const TILE: usize = 16;
 /// Sub-pixels: a rotated grid whose mean is the pixel centre.
 const SUB_PIXELS: [[f64; 2]; 4] = [[-0.375, -0.125], [0.125, -0.375], [0.375, 0.125], [-0.125, 0.375]];
-
-/// A rectangle as a camera sees it at one instant; see the module's model. Lengths along u and v in texels.
-#[derive(Debug, Clone, Copy)]
-struct Face {
-    w: [f32; 3],
-    a: [f32; 3],
-    b: [f32; 3],
-    corner: [f32; 2],
-    size: [f32; 2],
-    quad: u32,
-}
-
-#[inline(always)]
-fn linear(row: &[f32; 3], x: f32, y: f32) -> f32 {
-    row[0] * x + row[1] * y + row[2]
-}
-
-impl Face {
-    /// `None` for a rectangle that turns its back.
-    #[allow(clippy::cast_possible_truncation)]
-    fn new(world: &World, quad: usize, camera_from_world: &Isometry3<f64>) -> Option<Self> {
-        let rectangle = &world.scene.quads[quad];
-        let corner = camera_from_world.transform_point(&rectangle.corner.into()).coords;
-        let turn = |v: &Vector3<f64>| camera_from_world.rotation * v;
-        let (normal, a, b) = (turn(&rectangle.normal), turn(&rectangle.axis_u), turn(&rectangle.axis_v));
-        let offset = normal.dot(&corner);
-        if offset > -1e-6 {
-            return None;
-        }
-        let density = world.surfaces[quad].density.map(f64::from);
-        let row = |v: Vector3<f64>| [v.x as f32, v.y as f32, v.z as f32];
-        Some(Self {
-            w: row(normal / offset),
-            a: row(a * density[0]),
-            b: row(b * density[1]),
-            corner: [(a.dot(&corner) * density[0]) as f32, (b.dot(&corner) * density[1]) as f32],
-            size: [(rectangle.size_m[0] * density[0]) as f32, (rectangle.size_m[1] * density[1]) as f32],
-            quad: quad as u32,
-        })
-    }
-
-    /// The five conditions at a ray; all positive means hit.
-    #[inline(always)]
-    fn conditions(&self, x: f32, y: f32) -> [f32; 5] {
-        let w = linear(&self.w, x, y);
-        let (u, v) = (linear(&self.a, x, y) - self.corner[0] * w, linear(&self.b, x, y) - self.corner[1] * w);
-        [w, u, self.size[0] * w - u, v, self.size[1] * w - v]
-    }
-
-    /// Whether no ray of a tile can meet it.
-    fn misses(&self, tile: &[f32; 4]) -> bool {
-        let [left, top, right, bottom] = *tile;
-        let corners = [(left, top), (right, top), (left, bottom), (right, bottom)].map(|(x, y)| self.conditions(x, y));
-        (0..5).any(|k| corners.iter().all(|conditions| conditions[k] < 0.0))
-    }
-}
-
-/// The nearest face on a ray, and its inverse depth there.
-#[inline(always)]
-fn nearest(faces: &[Face], x: f32, y: f32) -> Option<(&Face, f32)> {
-    let mut best = 0.0_f32;
-    let mut found = None;
-    for face in faces {
-        let [w, u0, u1, v0, v1] = face.conditions(x, y);
-        if w > best && u0 >= 0.0 && u1 >= 0.0 && v0 >= 0.0 && v1 >= 0.0 {
-            best = w;
-            found = Some(face);
-        }
-    }
-    found.map(|face| (face, best))
-}
 
 /// A camera in a world.
 #[derive(Debug, Clone)]
@@ -241,27 +146,19 @@ impl<'a> Renderer<'a> {
         } else {
             4
         };
-        let poses: Vec<Isometry3<f64>> =
-            (0..instants).map(|k| pose(seconds + self.config.exposure_s * ((f64::from(k) + 0.5) / f64::from(instants) - 0.5))).collect();
-        let gain = self.photometry.gain(|time| self.mean_radiance(&pose(time)), seconds);
-        self.expose(&poses, gain, index)
+        let moment = |seconds: f64| Moment { seconds, world_from_camera: pose(seconds) };
+        let moments: Vec<Moment> =
+            (0..instants).map(|k| moment(seconds + self.config.exposure_s * ((f64::from(k) + 0.5) / f64::from(instants) - 0.5))).collect();
+        let gain = self.photometry.gain(|time| self.mean_radiance(&moment(time)), seconds);
+        self.expose(&moments, gain, index)
     }
 
-    /// The picture of poses that share the exposure.
-    fn expose(&self, world_from_camera: &[Isometry3<f64>], gain: f32, index: u64) -> GrayImage {
-        let faces = self.faces(world_from_camera);
+    /// The picture of moments that share the exposure.
+    fn expose(&self, moments: &[Moment], gain: f32, index: u64) -> GrayImage {
+        let faces = self.world.faces(moments);
         let mut pixels = vec![0_u8; self.width * self.height];
         self.in_bands(&mut pixels, |band, rows| self.shade_band(&faces, band, rows, gain, index));
         GrayImage { width: self.width, height: self.height, pixels }
-    }
-
-    /// Per instant the faces that any instant can see, in the same order.
-    fn faces(&self, world_from_camera: &[Isometry3<f64>]) -> Vec<Vec<Face>> {
-        let inverses: Vec<_> = world_from_camera.iter().map(Isometry3::inverse).collect();
-        let visible: Vec<usize> = (0..self.world.scene.quads.len())
-            .filter(|quad| inverses.iter().all(|pose| Face::new(self.world, *quad, pose).is_some()))
-            .collect();
-        inverses.iter().map(|pose| visible.iter().filter_map(|quad| Face::new(self.world, *quad, pose)).collect()).collect()
     }
 
     /// Runs `work` on bands of tile height; bands are dealt to the threads like cards.
@@ -282,10 +179,14 @@ impl<'a> Renderer<'a> {
         });
     }
 
-    /// Which of the faces a tile may see at the first or the last instant.
-    fn candidates(faces: &[Vec<Face>], among: &[usize], tile: &[f32; 4]) -> Vec<usize> {
+    /// Which of the faces a tile may see at the first or the last instant, or, of what moves by itself, at any.
+    fn candidates(&self, faces: &[Vec<Face>], among: &[usize], tile: &[f32; 4]) -> Vec<usize> {
         let (Some(first), Some(last)) = (faces.first(), faces.last()) else { return Vec::new() };
-        among.iter().copied().filter(|k| !(first[*k].misses(tile) && last[*k].misses(tile))).collect()
+        let may_see = |k: usize| {
+            !(first[k].misses(tile) && last[k].misses(tile))
+                || self.world.moves(first[k].quad as usize) && faces.iter().any(|faces| !faces[k].misses(tile))
+        };
+        among.iter().copied().filter(|k| may_see(*k)).collect()
     }
 
     fn shade_band(&self, faces: &[Vec<Face>], band: usize, rows: &mut [u8], gain: f32, index: u64) {
@@ -295,12 +196,12 @@ impl<'a> Renderer<'a> {
             [sum[0].min(tile[0]), sum[1].min(tile[1]), sum[2].max(tile[2]), sum[3].max(tile[3])]
         });
         let all: Vec<usize> = (0..faces.first().map_or(0, Vec::len)).collect();
-        let in_band = Self::candidates(faces, &all, &whole);
+        let in_band = self.candidates(faces, &all, &whole);
         let share = gain / (faces.len() as f32 * Surface::UNIT);
         let mut near: Vec<Face> = Vec::new();
         for (column, tile) in tiles.iter().enumerate() {
             // Side by side in memory, instant after instant.
-            let candidates = Self::candidates(faces, &in_band, tile);
+            let candidates = self.candidates(faces, &in_band, tile);
             near.clear();
             faces.iter().for_each(|faces| near.extend(candidates.iter().map(|k| faces[*k])));
             for (line, row) in rows.chunks_mut(self.width).enumerate() {
@@ -340,10 +241,12 @@ impl<'a> Renderer<'a> {
         surface.radiance(u, v, (exponent >> 1).max(0) as u32)
     }
 
-    /// Mean radiance of a coarse picture, for the exposure control; bright spots count as just white.
-    fn mean_radiance(&self, world_from_camera: &Isometry3<f64>) -> f32 {
-        let faces = self.faces(std::slice::from_ref(world_from_camera));
+    /// Mean radiance of a coarse picture of what stands still, for the exposure control; bright spots count as just white.
+    fn mean_radiance(&self, moment: &Moment) -> f32 {
+        let faces = self.world.faces(std::slice::from_ref(moment));
         let Some(faces) = faces.first() else { return 0.5 };
+        let still = faces.partition_point(|face| !self.world.moves(face.quad as usize));
+        let faces = &faces[..still];
         let (mut sum, mut count) = (0.0, 0.0);
         for y in (self.height / 24..self.height).step_by(self.height / 12) {
             for x in (self.width / 36..self.width).step_by(self.width / 18) {
@@ -359,45 +262,6 @@ impl<'a> Renderer<'a> {
         sum / f32::max(count, 1.0)
     }
 
-    /// Exact depths and rectangles of the pixel centres from a pose of the camera.
-    #[must_use]
-    pub fn depth(&self, world_from_camera: &Isometry3<f64>) -> DepthMap {
-        let faces = self.faces(std::slice::from_ref(world_from_camera));
-        let columns = self.width.div_ceil(TILE);
-        let camera_from_world = world_from_camera.inverse();
-        // Which face is decided in f32; how far it is, in f64.
-        let planes: Vec<Vector3<f64>> = self
-            .world
-            .scene
-            .quads
-            .iter()
-            .map(|quad| {
-                let corner = camera_from_world.transform_point(&quad.corner.into()).coords;
-                let normal = camera_from_world.rotation * quad.normal;
-                normal / normal.dot(&corner)
-            })
-            .collect();
-        let mut cells = vec![(0.0_f64, u16::MAX); self.width * self.height];
-        let all: Vec<usize> = (0..faces.first().map_or(0, Vec::len)).collect();
-        self.in_bands(&mut cells, |band, rows| {
-            for column in 0..columns {
-                let candidates = Self::candidates(&faces, &all, &self.tiles[band * columns + column]);
-                let near: Vec<Face> = candidates.iter().map(|k| faces[0][*k]).collect();
-                for (line, row) in rows.chunks_mut(self.width).enumerate() {
-                    for (x, cell) in row.iter_mut().enumerate().skip(column * TILE).take(TILE) {
-                        let Some([ray_x, ray_y]) = self.centers.get((band * TILE + line) * self.width + x) else { continue };
-                        if let Some((face, _)) = nearest(&near, *ray_x as f32, *ray_y as f32) {
-                            let w = planes[face.quad as usize].dot(&Vector3::new(*ray_x, *ray_y, 1.0));
-                            *cell = (1.0 / w, u16::try_from(face.quad).unwrap_or(u16::MAX));
-                        }
-                    }
-                }
-            }
-        });
-        let (depth_m, quad) = cells.into_iter().unzip();
-        DepthMap { width: self.width, height: self.height, depth_m, quad }
-    }
-
     /// The world the camera is in.
     #[must_use]
     pub fn world(&self) -> &World {
@@ -410,15 +274,3 @@ impl<'a> Renderer<'a> {
         &self.body_from_camera
     }
 }
-
-impl DepthMap {
-    /// The normal of the surface behind every pixel, in world; zero where there is nothing.
-    #[must_use]
-    pub fn normals_in_world(&self, scene: &Scene) -> Vec<Vector3<f32>> {
-        self.quad.iter().map(|quad| scene.quads.get(usize::from(*quad)).map_or(Vector3::zeros(), |quad| quad.normal.cast())).collect()
-    }
-}
-
-#[cfg(test)]
-#[path = "render_tests.rs"]
-mod tests;

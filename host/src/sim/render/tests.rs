@@ -3,14 +3,17 @@
 
 use nalgebra::{Matrix2, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 
+use libella_core::image::{ImageView, PyramidPair, pyramid_bytes};
+use libella_core::track::detect::{Corner, DetectConfig, detect};
+
 use super::*;
-use crate::sim::scene::{Material, Quad, RoomConfig};
+use crate::sim::scene::{Material, Quad, RoomConfig, Scene};
 use crate::sim::texture::CHECKERBOARD_SQUARES;
 use crate::sim::trajectory::{Analytic, AnalyticConfig, MotionKind};
 use crate::sim::{Flight, ImuConfig, euroc};
 
 /// Looks along the world's x from the origin, level, then turned by the given angles (rad) in the camera frame.
-fn looking(position: [f64; 3], turn: [f64; 3]) -> Isometry3<f64> {
+pub(super) fn looking(position: [f64; 3], turn: [f64; 3]) -> Isometry3<f64> {
     let forward = Rotation3::from_basis_unchecked(&[-Vector3::y(), -Vector3::z(), Vector3::x()]);
     let rotation = UnitQuaternion::from_rotation_matrix(&forward) * UnitQuaternion::from_euler_angles(turn[0], turn[1], turn[2]);
     Isometry3::from_parts(Translation3::from(Vector3::from(position)), rotation)
@@ -33,8 +36,12 @@ fn board_corners(world: &World) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-fn ideal() -> RenderConfig {
+pub(super) fn ideal() -> RenderConfig {
     RenderConfig { exposure_s: 0.0, photometry: PhotometryConfig::ideal(), threads: 2 }
+}
+
+pub(super) fn still(world_from_camera: Isometry3<f64>) -> Moment {
+    Moment { seconds: 0.0, world_from_camera }
 }
 
 /// The point at which all gradients of a window point along their own edges: Σ g gᵀ (p − q) = 0.
@@ -59,34 +66,53 @@ fn refine(image: &GrayImage, start: Vector2<f64>) -> Vector2<f64> {
     corner
 }
 
+/// What the project's own corner detector finds, to half a pixel.
+fn detected(image: &GrayImage) -> Vec<Vector2<f64>> {
+    const BYTES: usize = pyramid_bytes(752, 480, 4);
+    let mut pyramids = Box::<PyramidPair<BYTES>>::default();
+    pyramids.push(&ImageView::new(&image.pixels, image.width, image.height, image.width).unwrap(), 1).unwrap();
+    let config = DetectConfig { cell_px: 16, min_distance_px: 8.0, border_px: 10, min_score: 100.0, min_relative_score: 0.0 };
+    let mut found = vec![Corner::default(); 2000];
+    let count = detect(&pyramids.current(0).unwrap(), &config, std::iter::empty(), 2000, &mut found);
+    found[..count].iter().map(|corner| Vector2::from(corner.pixel).cast()).collect()
+}
+
 #[test]
-fn corners_are_where_the_camera_model_says() {
+fn detected_corners_are_where_the_camera_model_says() {
     let world = board_world();
-    let camera = euroc::camera(0);
-    let renderer = Renderer::new(&world, &camera, &Isometry3::identity(), &ideal(), 1).unwrap();
     let poses = [
         looking([0.6, 0.0, 0.0], [0.0; 3]),
         looking([0.8, 0.5, 0.2], [0.1, 0.25, -0.3]),
         looking([0.0, -0.9, -0.4], [-0.2, -0.3, 0.7]),
         looking([0.4, 0.1, 0.4], [0.3, 0.1, 1.3]),
     ];
-    let (mut squares, mut count, mut sum) = (0.0, 0, Vector2::zeros());
-    for pose in poses {
-        let image = renderer.expose(&[pose; 4], 1.0, 0);
-        for corner in board_corners(&world) {
-            let expected = camera.project(&pose.inverse_transform_point(&Point3::from(corner)).coords).unwrap();
-            if expected.x < 10.0 || expected.y < 10.0 || expected.x > 741.0 || expected.y > 469.0 {
-                continue;
+    for side in [0, 1] {
+        let camera = euroc::camera(side);
+        let renderer = Renderer::new(&world, &camera, &Isometry3::identity(), &ideal(), 1).unwrap();
+        let (mut squares, mut count, mut visible, mut sum) = (0.0, 0, 0, Vector2::zeros());
+        for pose in poses {
+            // Without lamps the board is dim; four times as bright its white has a grey value of 190.
+            let image = renderer.expose(&[still(pose); 4], 4.0, 0);
+            let corners = detected(&image);
+            for corner in board_corners(&world) {
+                let expected = camera.project(&pose.inverse_transform_point(&Point3::from(corner)).coords).unwrap();
+                if expected.x < 14.0 || expected.y < 14.0 || expected.x > 737.0 || expected.y > 465.0 {
+                    continue;
+                }
+                visible += 1;
+                // The detector takes the best pixel of a window of seven: the true corner is nearby, and no other is.
+                let Some(start) = corners.iter().find(|found| (*found - expected).norm() < 4.0) else { continue };
+                let error = refine(&image, *start) - expected;
+                squares += error.norm_squared();
+                sum += error;
+                count += 1;
             }
-            let error = refine(&image, expected.map(f64::round)) - expected;
-            squares += error.norm_squared();
-            sum += error;
-            count += 1;
         }
+        let rms = (squares / f64::from(count)).sqrt();
+        let mean = sum / f64::from(count);
+        eprintln!("camera {side}: {count} of {visible} corners, {rms:.4} px RMS, mean {:.4} {:.4}", mean.x, mean.y);
+        assert!(count > 60 && count * 10 >= visible * 9 && rms < 0.05, "camera {side}: {count} of {visible} corners, {rms} px");
     }
-    let rms = (squares / f64::from(count)).sqrt();
-    eprintln!("{count} corners, {rms:.4} px RMS, mean {:.4} {:.4}", sum.x / f64::from(count), sum.y / f64::from(count));
-    assert!(count > 70 && rms < 0.05, "{count} corners, {rms} px");
 }
 
 #[test]
@@ -97,7 +123,7 @@ fn stereo_corners_lie_on_epipolar_lines() {
         let (camera, body_from_camera) = (euroc::camera(side), euroc::body_from_camera(side));
         let renderer = Renderer::new(&world, &camera, &body_from_camera, &ideal(), 1).unwrap();
         let pose = world_from_body * body_from_camera;
-        let image = renderer.expose(&[pose; 4], 1.0, 0);
+        let image = renderer.expose(&[still(pose); 4], 1.0, 0);
         let bearings: Vec<Vector3<f64>> = board_corners(&world)
             .iter()
             .map(|corner| {
@@ -129,8 +155,8 @@ fn depth_agrees_with_the_intersection_of_ray_and_plane() {
     let renderer = Renderer::new(world, &camera, &Isometry3::identity(), &ideal(), 1).unwrap();
     for turn in [[0.2, 0.0, 0.1], [-0.5, 1.4, 0.0], [-0.3, 2.9, -0.2]] {
         let pose = looking([0.1, -0.3, 1.4], turn);
-        let map = renderer.depth(&pose);
-        let normals = map.normals_in_world(&world.scene);
+        let map = renderer.depth(&pose, 0.0);
+        let normals = map.normals_in_world();
         let mut others = 0;
         for (pixel, depth) in map.depth_m.iter().enumerate().step_by(7) {
             let place = Vector2::new((pixel % map.width) as f64, (pixel / map.width) as f64);

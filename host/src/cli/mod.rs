@@ -3,6 +3,7 @@
 mod config;
 mod demo;
 mod evaluate;
+mod rooms;
 mod run;
 mod simulate;
 
@@ -31,6 +32,8 @@ enum Command {
     Run(run::Arguments),
     /// Renders a flight through a room into a EuRoC/ASL folder with exact truth.
     Simulate(simulate::Arguments),
+    /// Renders single views of many different rooms with their depth: data to train a network with.
+    Rooms(rooms::Arguments),
     /// Compares a trajectory with the truth (TUM or EuRoC files).
     Evaluate(evaluate::Arguments),
     /// Prints the default configuration with the unit of every key.
@@ -55,6 +58,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Rooms(arguments) => rooms::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Config => config::run(),
     };

@@ -103,7 +103,7 @@ pub(super) fn unusable(error: SimError) -> Fault {
     }
 }
 
-fn unwritable(error: SimError) -> Fault {
+pub(super) fn unwritable(error: SimError) -> Fault {
     match error {
         SimError::File { path, reason } => {
             let what = format!("cannot be written ({reason})");

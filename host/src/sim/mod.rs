@@ -6,12 +6,13 @@
 //! EuRoC csv ──▶ Spline ───┘          │          └─▶ features ─▶ tracks ──────────────┘
 //!             Scene, Movers ─▶ World (baked) ─▶ Renderer ─▶ images, depth ─▶ stream, EuRoC folder
 //! ```
-//! Everything is a function of a configuration and a seed.
+//! Everything is a function of a configuration and a seed. Single views of many rooms, for training a network, come from [`rooms`].
 
 pub mod euroc;
 pub mod features;
 pub mod imu;
 pub mod random;
+pub mod rooms;
 pub mod scene;
 pub mod spline;
 pub mod trajectory;
@@ -37,6 +38,7 @@ pub use flight::{Flight, ImuSource, RealMotionConfig};
 pub use imu::ImuConfig;
 pub use photometry::PhotometryConfig;
 pub use render::{DepthMap, RenderConfig, Renderer, World};
+pub use rooms::{RoomView, RoomsConfig, room_views};
 pub use scene::{MOST_MOVERS, Mover, RoomConfig, Scene};
 pub use stream::{ImageStream, MotionSource, RenderedFlight};
 pub use trajectory::{AnalyticConfig, Motion, MotionKind, Trajectory};

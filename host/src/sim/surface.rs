@@ -64,10 +64,10 @@ impl Surface {
     pub(super) const UNIT: f32 = UNIT;
 
     /// Evaluates a cover under a light and builds the levels.
-    fn bake(scene: &Scene, quad: &Quad, index: usize, lamps: &[Lamp], seed: u64) -> Self {
+    fn bake(scene: &Scene, quad: &Quad, index: usize, lamps: &[Lamp], seed: u64, coarseness: f64) -> Self {
         // Things in a hall of 11 times a room's floor are seen from three times as far.
         let largest = scene.quads.iter().map(|quad| quad.size_m[0] * quad.size_m[1]).fold(64.0, f64::max);
-        let counts = texel_counts(quad, (64.0 / largest).sqrt());
+        let counts = texel_counts(quad, (64.0 / largest).sqrt(), coarseness);
         let paint = Paint::new(quad, seed, index as u64, (quad.size_m[0] / counts[0] as f64) as f32);
         let light = LightGrid::new(scene, quad, index, lamps, seed);
         let glow = quad.material.glow();
@@ -116,9 +116,9 @@ impl Surface {
 }
 
 /// How finely a rectangle is sampled: 2 mm on pictures, 3 mm on things, 4 mm on walls, 8 mm overhead, coarser on what is large;
-/// things get a `share` of the usual number.
+/// things get a `share` of the usual number; all but checkerboards `coarseness` times as coarse.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-fn texel_counts(quad: &Quad, share: f64) -> [usize; 2] {
+fn texel_counts(quad: &Quad, share: f64, coarseness: f64) -> [usize; 2] {
     if quad.material == Material::Checkerboard {
         // A whole number of texels per half square, so that the pattern's corners are corners of texels.
         return CHECKERBOARD_SQUARES.map(|squares| (squares + 1) * 40);
@@ -132,7 +132,7 @@ fn texel_counts(quad: &Quad, share: f64) -> [usize; 2] {
         _ if area > 8.0 => (0.004, 4e5 * share),
         _ => (0.003, 2.5e5 * share),
     };
-    let texel_m = f64::max(base, (area / most).sqrt());
+    let texel_m = coarseness * f64::max(base, (area / most).sqrt());
     quad.size_m.map(|side| ((side / texel_m).ceil() as usize).max(2))
 }
 
@@ -245,7 +245,7 @@ fn light_on(scene: &Scene, point: &Vector3<f64>, quad: &Quad, lamps: &[Lamp], ra
 
 /// Bakes all rectangles of a scene, and `more` in it that neither shade nor hide it, on a number of threads. The result does not
 /// depend on that number, nor that of the scene's own rectangles on the others.
-pub(super) fn bake(scene: &Scene, more: &[Quad], seed: u64, threads: usize) -> Vec<Surface> {
+pub(super) fn bake(scene: &Scene, more: &[Quad], seed: u64, threads: usize, coarseness: f64) -> Vec<Surface> {
     let lamps = lamps(scene, seed);
     let quads: Vec<&Quad> = scene.quads.iter().chain(more).collect();
     let next = std::sync::atomic::AtomicUsize::new(0);
@@ -257,7 +257,7 @@ pub(super) fn bake(scene: &Scene, more: &[Quad], seed: u64, threads: usize) -> V
                     loop {
                         let index = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
                         let Some(quad) = quads.get(index) else { break done };
-                        done.push((index, Surface::bake(scene, quad, index, &lamps, seed)));
+                        done.push((index, Surface::bake(scene, quad, index, &lamps, seed, coarseness)));
                     }
                 })
             })

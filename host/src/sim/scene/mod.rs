@@ -15,6 +15,7 @@ mod traffic;
 
 pub use material::Material;
 pub use mover::{Mover, Swing};
+pub(super) use quad::{Hidden, box_sides};
 pub use quad::{Hit, Quad};
 pub use room::RoomConfig;
 pub use traffic::MOST_MOVERS;

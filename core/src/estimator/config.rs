@@ -30,8 +30,10 @@ pub struct EstimatorConfig<T: Real> {
     pub keyframe_shared_ratio: T,
     /// Or after this time with at least a quarter of that parallax, s.
     pub keyframe_interval_s: T,
-    /// A landmark takes part in the solution when its inverse depth is this many standard deviations from infinity.
-    pub depth_significance: T,
+    /// Inverse depth of a landmark before anything is known of it, 1/m.
+    pub inverse_depth_per_m: T,
+    /// Its standard deviation, 1/m; wide, so that motion decides.
+    pub inverse_depth_sigma_per_m: T,
     /// Standard deviation of the velocity of a body found at rest, m/s.
     pub rest_sigma_m_s: T,
     /// Common displacement of the corners from image to image below which the image stands still, px.
@@ -80,7 +82,8 @@ impl<T: Real> Default for EstimatorConfig<T> {
             keyframe_parallax_px: T::of(20.0),
             keyframe_shared_ratio: T::of(0.6),
             keyframe_interval_s: T::of(1.0),
-            depth_significance: T::of(1.5),
+            inverse_depth_per_m: T::of(0.3),
+            inverse_depth_sigma_per_m: T::of(3.0),
             rest_sigma_m_s: T::of(0.02),
             rest_motion_px: T::of(0.25),
             least_tracked: 8,

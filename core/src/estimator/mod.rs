@@ -24,7 +24,7 @@ use crate::robust::kernel::Kernel;
 use crate::solve::{Settings, Workspace};
 use crate::time::Timestamp;
 use crate::track::{FrontEnd, FrontEndConfig};
-use crate::window::{CommonFlow, Window};
+use crate::window::{CommonFlow, DepthPrior, Window};
 
 /// Corners to follow at a time.
 const TARGET_TRACKS: usize = 200;
@@ -78,6 +78,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
                 body_from_camera,
                 mount: CameraMount::new(&body_from_camera),
                 kernel: Kernel::huber(config.huber * config.huber),
+                depth_prior: DepthPrior { mean: config.inverse_depth_per_m, inverse_sigma: T::one() / config.inverse_depth_sigma_per_m },
                 rest_sigma_m_s: config.rest_sigma_m_s,
                 behind_camera_cost: T::of(100.0),
             },

@@ -9,7 +9,7 @@ use crate::real::Real;
 use crate::solve::optimize;
 
 /// Inverse depth, 1/m, below which a landmark is wrong: noise makes far ones pass infinity.
-const LEAST_INVERSE_DEPTH: f64 = -0.1;
+const LEAST_INVERSE_DEPTH: f64 = -0.5;
 /// A bias farther from zero than this many of its first standard deviations is no bias, but a contradiction between camera and
 /// inertial samples.
 const MOST_SIGMA: f64 = 4.0;
@@ -64,16 +64,11 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     pub(super) fn activate_landmarks(&mut self) {
         self.workspace.geometry.update(&self.window.frames, &self.settings);
         let poses = &self.workspace.geometry.camera_poses;
-        let usual = self.window.usual_inverse_depth();
-        let least = if usual.is_some() { T::of(LEAST_INVERSE_DEPTH) } else { T::ZERO };
-        for landmark in self.window.landmarks.iter_mut().filter(|landmark| !landmark.active && landmark.observations() > 1) {
-            let Some(inverse_depth) = landmark.triangulate(poses).filter(|inverse_depth| *inverse_depth > least) else { continue };
-            landmark.inverse_depth = inverse_depth;
-            // λ/σ_λ: how many standard deviations a point at the usual depth is from infinity. Its own depth would choose the points
-            // whose noise makes them near; the first ones, which have nothing else to go by, have to be twice as sure.
-            let information = landmark.refine(poses);
-            let depth = usual.unwrap_or(landmark.inverse_depth * T::of(0.5));
-            landmark.active = information.is_some_and(|information| depth * information.root() > self.config.depth_significance);
+        let prior = &self.settings.depth_prior;
+        for landmark in self.window.landmarks.iter_mut().filter(|landmark| !landmark.active && landmark.observations() > 2) {
+            landmark.inverse_depth =
+                landmark.triangulate(poses).filter(|found| *found > T::ZERO && *found < T::of(2.0)).unwrap_or(prior.mean);
+            landmark.active = landmark.refine(poses, prior).is_some();
         }
     }
 

@@ -33,7 +33,8 @@ pub fn cost<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usiz
         let direction = landmark.direction();
         let anchor = landmark.anchor();
         // Summed up by landmarks: f32 loses less.
-        let mut own = T::ZERO;
+        let mut own = settings.depth_prior.residual(landmark.inverse_depth);
+        own *= own;
         for (frame, point) in landmark.seen() {
             let squared = if frame == anchor {
                 reprojection::at_anchor(&direction, point).norm_squared()
@@ -110,6 +111,7 @@ pub fn back_substitute<T: Real, const FRAMES: usize, const PAIRS: usize, const P
         let anchor = landmark.anchor();
         let direction = landmark.direction();
         let mut own = PointNormal::default();
+        own.add_prior(landmark.inverse_depth, &settings.depth_prior);
         for (frame, point) in landmark.seen() {
             if frame == anchor {
                 own.add_anchor(&direction, point, &huber);
@@ -156,7 +158,7 @@ fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
     let anchor = landmark.anchor();
     let direction = landmark.direction();
     let mut own = PointNormal::default();
-    let mut total = T::ZERO;
+    let mut total = own.add_prior(landmark.inverse_depth, &settings.depth_prior);
     // W_f of the frames that see it, oldest first; the anchor's comes first because the anchor is the oldest.
     let mut couplings = [(0_usize, [[T::ZERO; 6]; 3]); FRAMES];
     let mut anchor_coupling = [[T::ZERO; 6]; 3];

@@ -43,7 +43,7 @@ pub(super) const fn fits(frames: usize) -> bool {
     let relative = 6 * (involved - 1);
     let (wide, narrow) = (tiles(column(involved)), tiles(relative + POINT));
     let rest = (MEMORY_TILES * pairs(frames)).saturating_sub(narrow * relative);
-    rest >= wide * (column(involved) + 15) && rest >= narrow * 2 * involved
+    rest >= wide * (column(involved) + 15) && rest >= narrow * (2 * involved + 1)
 }
 
 /// Where a frame's columns begin: whole states of the oldest two, poses of the others.
@@ -145,7 +145,7 @@ fn fold_landmarks<'a, T: Real, const FRAMES: usize, const PAIRS: usize>(
     let columns = triangle.count();
     // Relative poses, the right-hand side, and behind it x, y and λ.
     let own = columns + 1;
-    let most = 2 * involved;
+    let most = 2 * involved + 1;
     // As many rows as there is memory for, so that a portion always has room for one more landmark.
     let (mut rows, _) = Rows::carve(buffer, columns + POINT, (buffer.len() / tiles(columns + POINT)).min(GATHERED + most));
     let mut gathered = 0;
@@ -155,7 +155,11 @@ fn fold_landmarks<'a, T: Real, const FRAMES: usize, const PAIRS: usize>(
             gathered = 0;
         }
         let direction = landmark.direction();
-        let mut count = 0;
+        let row = rows.row_mut(gathered);
+        row.fill(T::ZERO);
+        row[columns] = settings.depth_prior.residual(landmark.inverse_depth);
+        row[own + 2] = settings.depth_prior.inverse_sigma;
+        let mut count = 1;
         for (frame, point) in landmark.seen().filter(|(frame, _)| *frame < involved) {
             if frame == 0 {
                 let r = reprojection::at_anchor(&direction, point);
@@ -186,7 +190,7 @@ fn fold_landmarks<'a, T: Real, const FRAMES: usize, const PAIRS: usize>(
             }
         }
         // Three rows say where the landmark is: nothing is left of fewer than two observations.
-        if count < 4 {
+        if count < 5 {
             continue;
         }
         // Reflect each of its columns onto a row of its own; those rows are its conditional and are dropped.

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::factor::reprojection;
 use crate::real::Real;
 use crate::robust::kernel::Kernel;
-use crate::window::NormalizedPoint;
+use crate::window::{DepthPrior, NormalizedPoint};
 
 /// Added to the diagonal: an inverse depth that nothing is known of stays where it is.
 pub(super) const FLOOR: f64 = 1e-6;
@@ -46,6 +46,15 @@ impl<T: Real> PointNormal<T> {
         self.gradient[0] += weighted * residual.x;
         self.gradient[1] += weighted * residual.y;
         kernel.rho(squared)
+    }
+
+    /// The prior on the inverse depth; returns its cost, twice.
+    #[inline]
+    pub fn add_prior(&mut self, inverse_depth: T, prior: &DepthPrior<T>) -> T {
+        let residual = prior.residual(inverse_depth);
+        self.lower[5] += prior.inverse_sigma * prior.inverse_sigma;
+        self.gradient[2] += prior.inverse_sigma * residual;
+        residual * residual
     }
 
     /// `L` with `L Lᵀ = C + damping · diag C + floor`; nothing where `C` is no number.

@@ -11,7 +11,7 @@ use crate::real::Real;
 use crate::robust::kernel::Kernel;
 use crate::storage::blocks::{pairs, place};
 use crate::time::{Span, Timestamp};
-use crate::window::{CameraPose, Frame, NormalizedPoint, Window};
+use crate::window::{CameraPose, DepthPrior, Frame, NormalizedPoint, Window};
 
 /// What the factors have in common.
 #[derive(Debug, Clone, Copy)]
@@ -24,6 +24,8 @@ pub struct Settings<T: Real> {
     pub mount: CameraMount<T>,
     /// Cost of a whitened observation.
     pub kernel: Kernel<T>,
+    /// Of every landmark.
+    pub depth_prior: DepthPrior<T>,
     /// Standard deviation of the velocity of a body found at rest, m/s.
     pub rest_sigma_m_s: T,
     /// Squared whitened residual charged for a landmark behind a camera that sees it.

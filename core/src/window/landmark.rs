@@ -24,6 +24,24 @@ pub struct NormalizedPoint<T> {
     pub inverse_sigma: T,
 }
 
+/// What is known of an inverse depth before anything is seen: normally distributed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthPrior<T> {
+    /// Mean, 1/m.
+    pub mean: T,
+    /// One over the standard deviation, m.
+    pub inverse_sigma: T,
+}
+
+impl<T: Real> DepthPrior<T> {
+    /// Whitened.
+    #[inline]
+    #[must_use]
+    pub fn residual(&self, inverse_depth: T) -> T {
+        (inverse_depth - self.mean) * self.inverse_sigma
+    }
+}
+
 /// A corner followed through the window.
 #[derive(Debug, Clone, Copy)]
 pub struct Landmark<T: Real, const FRAMES: usize> {
@@ -227,15 +245,19 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
 
     /// One Gauss-Newton step on bearing and inverse depth over all observations, the anchor's included, poses fixed.
     /// The step is kept only where it lowers the cost. Returns the information of `λ`, the bearing being unknown too.
-    pub fn refine(&mut self, camera_poses: &[CameraPose<T>]) -> Option<T> {
+    pub fn refine(&mut self, camera_poses: &[CameraPose<T>], prior: &DepthPrior<T>) -> Option<T> {
         let mut hessian = Matrix3::zeros();
         let mut gradient = Vector3::zeros();
-        let before = self.cost(camera_poses, self.bearing, self.inverse_depth, Some((&mut hessian, &mut gradient)));
+        let of_prior = |inverse_depth: T| prior.residual(inverse_depth) * prior.residual(inverse_depth);
+        let before =
+            self.cost(camera_poses, self.bearing, self.inverse_depth, Some((&mut hessian, &mut gradient))) + of_prior(self.inverse_depth);
+        hessian[(2, 2)] += prior.inverse_sigma * prior.inverse_sigma;
+        gradient[2] += prior.inverse_sigma * prior.residual(self.inverse_depth);
         let factor = hessian.cholesky()?;
         let step = factor.solve(&gradient);
         let bearing = [self.bearing[0] - step.x, self.bearing[1] - step.y];
         let inverse_depth = self.inverse_depth - step.z;
-        if inverse_depth > T::ZERO && self.cost(camera_poses, bearing, inverse_depth, None) < before {
+        if self.cost(camera_poses, bearing, inverse_depth, None) + of_prior(inverse_depth) < before {
             self.bearing = bearing;
             self.inverse_depth = inverse_depth;
         }

@@ -9,7 +9,7 @@ mod policy;
 pub use flow::CommonFlow;
 pub use frame::Frame;
 pub use geometry::CameraPose;
-pub use landmark::{Landmark, NormalizedPoint};
+pub use landmark::{DepthPrior, Landmark, NormalizedPoint};
 pub use policy::Covisibility;
 
 use heapless::Vec;
@@ -72,14 +72,6 @@ impl<T: Real, const FRAMES: usize, const POINTS: usize> Window<T, FRAMES, POINTS
         }
         self.frames.remove(index);
         self.landmarks.retain(|landmark| landmark.observations() > 0);
-    }
-
-    /// Mean inverse depth of the landmarks that have one, 1/m; nothing below ten of them.
-    #[must_use]
-    pub fn usual_inverse_depth(&self) -> Option<T> {
-        let known = self.landmarks.iter().filter(|landmark| landmark.active);
-        let (sum, count) = known.fold((T::ZERO, 0_u32), |(sum, count), landmark| (sum + landmark.inverse_depth, count + 1));
-        if count < 10 { None } else { Some(sum / T::of(f64::from(count))) }
     }
 
     /// Index of the newest keyframe before `before`.

@@ -3,7 +3,7 @@ use std::vec::Vec;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
-use super::{CameraPose, Frame, Landmark, NormalizedPoint, Window};
+use super::{CameraPose, DepthPrior, Frame, Landmark, NormalizedPoint, Window};
 use crate::imu::{ImuBias, NavState, Preintegration};
 use crate::real::Real;
 use crate::time::Timestamp;
@@ -55,6 +55,9 @@ fn points() -> impl Strategy<Value = Vector3<f64>> {
     (-1.5..1.5, -1.0..1.5, 3.0..12.0).prop_map(|(x, y, z)| Vector3::new(x, y, z))
 }
 
+/// Nothing is known beforehand.
+const NO_PRIOR: DepthPrior<f64> = DepthPrior { mean: 0.0, inverse_sigma: 0.0 };
+
 proptest! {
     #[test]
     fn triangulation_finds_the_point(point in points(), first in 0usize..3) {
@@ -72,7 +75,7 @@ proptest! {
         let cameras = cameras::<f64>(FRAMES);
         let mut found = landmark(&cameras, 0, &point);
         found.inverse_depth = found.triangulate(&cameras).unwrap();
-        let information = found.refine(&cameras).unwrap();
+        let information = found.refine(&cameras, &NO_PRIOR).unwrap();
         let least = |inverse_depth: f64| {
             // Quadratic in the bearing, nearly: three Newton steps by differences.
             let mut bearing = found.bearing;
@@ -111,7 +114,7 @@ proptest! {
         found.active = true;
         let mut last = cost(&found, &cameras, found.bearing, found.inverse_depth);
         for _ in 0..10 {
-            found.refine(&cameras);
+            found.refine(&cameras, &NO_PRIOR);
             let now = cost(&found, &cameras, found.bearing, found.inverse_depth);
             // The cost here is summed in another order.
             prop_assert!(now <= last * (1.0 + 1e-9), "{last} rose to {now}");

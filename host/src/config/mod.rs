@@ -67,8 +67,10 @@ pub struct EstimatorSection {
     pub keyframe_shared_ratio: f64,
     /// Or after this time with at least a quarter of that parallax, s. Default 1.0.
     pub keyframe_interval_s: f64,
-    /// A landmark takes part in the solution when its inverse depth is this many standard deviations from infinity. Default 1.5.
-    pub depth_significance: f64,
+    /// Inverse depth of a landmark before anything is known of it, 1/m. Default 0.3.
+    pub inverse_depth_per_m: f64,
+    /// Its standard deviation, 1/m; wide, so that motion decides. Default 3.0.
+    pub inverse_depth_sigma_per_m: f64,
     /// Standard deviation of the velocity of a body found at rest, m/s. Default 0.02.
     pub rest_sigma_m_s: f64,
     /// Common displacement of the corners from image to image below which the image stands still, px. Default 0.25.
@@ -155,7 +157,8 @@ impl Default for EstimatorSection {
             keyframe_parallax_px: core.keyframe_parallax_px,
             keyframe_shared_ratio: core.keyframe_shared_ratio,
             keyframe_interval_s: core.keyframe_interval_s,
-            depth_significance: core.depth_significance,
+            inverse_depth_per_m: core.inverse_depth_per_m,
+            inverse_depth_sigma_per_m: core.inverse_depth_sigma_per_m,
             rest_sigma_m_s: core.rest_sigma_m_s,
             rest_motion_px: core.rest_motion_px,
             least_tracked: core.least_tracked,
@@ -231,7 +234,8 @@ impl Config {
             ("estimator.keyframe_parallax_px", estimator.keyframe_parallax_px),
             ("estimator.keyframe_shared_ratio", estimator.keyframe_shared_ratio),
             ("estimator.keyframe_interval_s", estimator.keyframe_interval_s),
-            ("estimator.depth_significance", estimator.depth_significance),
+            ("estimator.inverse_depth_per_m", estimator.inverse_depth_per_m),
+            ("estimator.inverse_depth_sigma_per_m", estimator.inverse_depth_sigma_per_m),
             ("estimator.rest_sigma_m_s", estimator.rest_sigma_m_s),
             ("estimator.rest_motion_px", estimator.rest_motion_px),
             ("estimator.longest_coast_s", estimator.longest_coast_s),
@@ -286,7 +290,8 @@ impl Config {
             keyframe_parallax_px: T::of(estimator.keyframe_parallax_px),
             keyframe_shared_ratio: T::of(estimator.keyframe_shared_ratio),
             keyframe_interval_s: T::of(estimator.keyframe_interval_s),
-            depth_significance: T::of(estimator.depth_significance),
+            inverse_depth_per_m: T::of(estimator.inverse_depth_per_m),
+            inverse_depth_sigma_per_m: T::of(estimator.inverse_depth_sigma_per_m),
             rest_sigma_m_s: T::of(estimator.rest_sigma_m_s),
             rest_motion_px: T::of(estimator.rest_motion_px),
             least_tracked: estimator.least_tracked,

@@ -96,6 +96,9 @@ pub fn dense(window: &SmallWindow<f64>, prior: &SmallPrior<f64>, settings: &Sett
     }
     for (landmark, column) in window.landmarks.iter().zip(&landmarks) {
         let (anchor, Some(column)) = (landmark.anchor(), column) else { continue };
+        let mut whole = DVector::zeros(columns);
+        whole[*column + 2] = settings.depth_prior.inverse_sigma;
+        rows.push((whole, settings.depth_prior.residual(landmark.inverse_depth)));
         for (frame, point) in landmark.seen() {
             if frame == anchor {
                 let residual = reprojection::at_anchor(&landmark.direction(), point);

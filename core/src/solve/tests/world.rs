@@ -13,13 +13,16 @@ use crate::robust::kernel::Kernel;
 use crate::solve::{Settings, Workspace, add_initial};
 use crate::storage::blocks::pairs;
 use crate::track::TrackId;
-use crate::window::{CameraPose, Frame, Landmark, NormalizedPoint, Window};
+use crate::window::{CameraPose, DepthPrior, Frame, Landmark, NormalizedPoint, Window};
 
 pub const FRAMES: usize = 8;
 pub const PAIRS: usize = pairs(FRAMES);
 pub const POINTS: usize = 48;
 /// One over the standard deviation of a corner on the plane z = 1: one pixel of EuRoC's camera.
 pub const INVERSE_SIGMA: f64 = 458.0;
+/// One over the standard deviation of the inverse depths before anything is seen, m; where there is no noise, nothing is known
+/// beforehand, so that the cost can vanish.
+const DEPTH_PRIOR: f64 = 5.0;
 /// Time between frames, ns.
 const STEP_NS: i64 = 200_000_000;
 
@@ -90,6 +93,7 @@ pub fn settings<T: Real>(kernel: Kernel<f64>) -> Settings<T> {
         body_from_camera: pose,
         mount: CameraMount::new(&pose),
         kernel,
+        depth_prior: DepthPrior { mean: T::of(0.2), inverse_sigma: T::ZERO },
         rest_sigma_m_s: T::of(0.02),
         behind_camera_cost: T::of(100.0),
     }
@@ -112,7 +116,8 @@ fn flight(frames: usize) -> (Vec<NavState<f64>>, Vec<Vec<ImuSample<f64>>>) {
 impl<T: Real> World<T> {
     pub fn new(recipe: &Recipe) -> Self {
         let mut normal = Normal(recipe.seed);
-        let settings = settings::<T>(recipe.kernel);
+        let mut settings = settings::<T>(recipe.kernel);
+        settings.depth_prior.inverse_sigma = T::of(if recipe.noise > 0.0 { DEPTH_PRIOR } else { 0.0 });
         let (truth, samples) = flight(recipe.frames);
         let mut window = SmallWindow::<T>::default();
         for (k, state) in truth.iter().enumerate() {

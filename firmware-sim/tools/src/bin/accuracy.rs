@@ -54,7 +54,7 @@ fn setting<'a>(config: &'a mut EstimatorConfig<f32>, name: &str) -> Option<&'a m
         "keyframe_parallax_px" => &mut config.keyframe_parallax_px,
         "keyframe_shared_ratio" => &mut config.keyframe_shared_ratio,
         "keyframe_interval_s" => &mut config.keyframe_interval_s,
-        "depth_significance" => &mut config.depth_significance,
+        "inverse_depth_sigma_per_m" => &mut config.inverse_depth_sigma_per_m,
         "imu_noise_inflation" => &mut config.imu_noise_inflation,
         "imu_walk_inflation" => &mut config.imu_walk_inflation,
         "initialisation_scale_sigma" => &mut config.initialisation_scale_sigma,

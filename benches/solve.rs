@@ -17,7 +17,7 @@ use libella_core::solve::{Settings, Workspace, add_initial, assemble, chain, cho
 use libella_core::storage::blocks::{Block, pairs, place, zero_block};
 use libella_core::time::Timestamp;
 use libella_core::track::TrackId;
-use libella_core::window::{CameraPose, Frame, Landmark, NormalizedPoint, Window};
+use libella_core::window::{CameraPose, DepthPrior, Frame, Landmark, NormalizedPoint, Window};
 use nalgebra::{Isometry3, SMatrix, Translation3, UnitQuaternion, Vector3};
 
 const FRAMES: usize = 12;
@@ -63,6 +63,7 @@ fn world<T: Real>() -> World<T> {
         body_from_camera,
         mount: CameraMount::new(&body_from_camera),
         kernel: Kernel::huber(T::of(2.25)),
+        depth_prior: DepthPrior { mean: T::of(0.3), inverse_sigma: T::of(1.0 / 3.0) },
         rest_sigma_m_s: T::of(0.02),
         behind_camera_cost: T::of(100.0),
     };

@@ -68,7 +68,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         for landmark in self.window.landmarks.iter_mut().filter(|landmark| !landmark.active && landmark.observations() > 2) {
             landmark.inverse_depth =
                 landmark.triangulate(poses).filter(|found| *found > T::ZERO && *found < T::of(2.0)).unwrap_or(prior.mean);
-            landmark.active = landmark.refine(poses, prior).is_some();
+            // Once its depth is known to the usual one: where the body hardly moved, depth and motion would explain each other.
+            landmark.active = landmark.refine(poses, prior).is_some_and(|information| prior.mean * information.root() > T::one());
         }
     }
 

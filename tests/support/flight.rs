@@ -160,12 +160,15 @@ impl<'a, T: Real> Pilot<'a, T> {
         let observations: Vec<_> =
             observations.iter().map(|seen| Observation { track: seen.track, pixel: seen.pixel.map(T::of) }).collect();
         self.estimator.push_tracks(stamp, &observations)?;
-        let predicted = self.estimator.window().frames.last().map(|frame| in_f64(&frame.state));
+        let window = self.estimator.window();
+        let predicted = window.frames.len().checked_sub(1).and_then(|newest| window.state_in_world(newest)).map(|state| in_f64(&state));
         let outcome = self.estimator.step(StepBudget::default());
         self.flown.outcomes.push((stamp, outcome));
         self.flown.health.push(self.estimator.health());
         if outcome == FrameOutcome::Initialised {
-            self.flown.origin = self.estimator.window().frames.first().map(|frame| (frame.stamp, in_f64(&frame.state)));
+            let window = self.estimator.window();
+            self.flown.origin =
+                window.frames.first().zip(window.state_in_world(0)).map(|(frame, state)| (frame.stamp, in_f64(&state)));
         }
         if let (Some(estimate), Some(predicted)) = (self.estimator.state(), predicted) {
             self.flown.states.push(Knowledge {

@@ -12,6 +12,9 @@ pub struct EstimatorConfig<T: Real> {
     pub imu_noise_inflation: T,
     /// Factor on the random walks of the biases.
     pub imu_walk_inflation: T,
+    /// How far from frame to frame the camera may be from where exact samples would have it, m: speed times the jitter of the
+    /// stamps, flexing mounts.
+    pub position_jitter_m: T,
     /// Largest angular rate that the gyro can read, rad/s: readings at the end of it are hardly trusted.
     pub gyro_range_rad_s: T,
     /// Largest specific force that the accelerometer can read, m/s².
@@ -73,6 +76,7 @@ impl<T: Real> Default for EstimatorConfig<T> {
             imu_noise: ImuNoise::adis16448(),
             imu_noise_inflation: T::of(4.0),
             imu_walk_inflation: T::of(2.0),
+            position_jitter_m: T::of(5e-4),
             gyro_range_rad_s: T::of(17.45),
             accel_range_m_s2: T::of(176.5),
             gravity_m_s2: T::of(9.81),

@@ -80,6 +80,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
                 kernel: Kernel::huber(config.huber * config.huber),
                 depth_prior: DepthPrior { mean: config.inverse_depth_per_m, inverse_sigma: T::one() / config.inverse_depth_sigma_per_m },
                 rest_sigma_m_s: config.rest_sigma_m_s,
+                position_jitter_m: config.position_jitter_m,
                 behind_camera_cost: T::of(100.0),
             },
             inertial: InertialHistory::with_range(config.gyro_range_rad_s, config.accel_range_m_s2),
@@ -123,7 +124,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             return None;
         }
         let newest = self.window.frames.last()?;
-        Some(StateEstimate { stamp: newest.stamp, state: newest.state, pose_covariance: self.pose_covariance })
+        let state = self.window.state_in_world(self.window.frames.len() - 1)?;
+        Some(StateEstimate { stamp: newest.stamp, state, pose_covariance: self.pose_covariance })
     }
 
     /// How it goes.

@@ -34,6 +34,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
 
     fn retire_oldest(&mut self, keyframes: usize) {
         marginalize_oldest(&mut self.window, &mut self.prior, &mut self.workspace, &self.settings, keyframes);
+        // The first prior has left its own origin behind by now.
+        self.window.follow();
         self.report.marginalized = true;
     }
 

@@ -152,9 +152,16 @@ impl<T: Real> Columns<T> {
 ///
 /// Variances of the blocks differ by up to ten orders of magnitude. Scaling to a unit diagonal first, `Σ = S C S`, leaves the
 /// correlations `C = L Lᵀ`, which f32 can factor; then `W = L⁻¹ S⁻¹`.
+///
+/// `position_jitter_m` is added to the noise of the position: between two images 50 ms apart, samples alone would tell it to
+/// some 20 µm where velocity is given, finer than stamps and mounts are true. That is 2·10⁹ m⁻² of information, whose
+/// rounding in f32 exceeds what is known of the scale.
 #[must_use]
-pub fn sqrt_information<T: Real>(pre: &Preintegration<T>) -> Option<SMatrix<T, 15, 15>> {
-    let covariance = pre.covariance();
+pub fn sqrt_information<T: Real>(pre: &Preintegration<T>, position_jitter_m: T) -> Option<SMatrix<T, 15, 15>> {
+    let mut covariance = pre.covariance();
+    for axis in 3..6 {
+        covariance[(axis, axis)] += position_jitter_m * position_jitter_m;
+    }
     let mut inverse_sigma = SVector::<T, 15>::zeros();
     for (slot, variance) in inverse_sigma.iter_mut().zip(covariance.diagonal().iter()) {
         *slot = T::one() / variance.root();

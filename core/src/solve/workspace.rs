@@ -28,6 +28,8 @@ pub struct Settings<T: Real> {
     pub depth_prior: DepthPrior<T>,
     /// Standard deviation of the velocity of a body found at rest, m/s.
     pub rest_sigma_m_s: T,
+    /// Noise of the position beside that of the inertial samples, m.
+    pub position_jitter_m: T,
     /// Squared whitened residual charged for a landmark behind a camera that sees it.
     pub behind_camera_cost: T,
 }
@@ -170,7 +172,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Workspace<T, FRAMES, PAIR
                 self.imu_square_roots.swap(i, known);
             } else {
                 self.imu_keys[i] = key;
-                self.imu_square_roots[i] = imu::sqrt_information(&frame.from_previous).map(|root| {
+                self.imu_square_roots[i] = imu::sqrt_information(&frame.from_previous, settings.position_jitter_m).map(|root| {
                     let mut packed = [T::ZERO; 120];
                     for (slot, (r, c)) in packed.iter_mut().zip((0..15).flat_map(|r| (0..=r).map(move |c| (r, c)))) {
                         *slot = root[(r, c)];

@@ -13,13 +13,18 @@ pub use landmark::{DepthPrior, Landmark, NormalizedPoint};
 pub use policy::Covisibility;
 
 use heapless::Vec;
+use nalgebra::Vector3;
 
+use crate::imu::NavState;
 use crate::real::Real;
 use crate::track::TrackId;
 
 /// Frames from the oldest to the newest, and landmarks in no particular order.
 #[derive(Debug)]
 pub struct Window<T: Real, const FRAMES: usize, const POINTS: usize> {
+    /// Where the positions of the frames are counted from, in world, whole m: it follows the body, because `f32` holds
+    /// positions to 0.06 µm a metre away, but to 60 µm a kilometre away.
+    pub origin_in_world: Vector3<T>,
     /// Oldest first. Each holds the inertial integral from its predecessor.
     pub frames: Vec<Frame<T>, FRAMES>,
     /// What the frames see.
@@ -29,15 +34,41 @@ pub struct Window<T: Real, const FRAMES: usize, const POINTS: usize> {
 impl<T: Real, const FRAMES: usize, const POINTS: usize> Default for Window<T, FRAMES, POINTS> {
     fn default() -> Self {
         const { assert!(FRAMES >= 4 && FRAMES <= 32, "a window holds 4 to 32 frames") };
-        Self { frames: Vec::new(), landmarks: Vec::new() }
+        Self { origin_in_world: Vector3::zeros(), frames: Vec::new(), landmarks: Vec::new() }
     }
 }
 
 impl<T: Real, const FRAMES: usize, const POINTS: usize> Window<T, FRAMES, POINTS> {
     /// Forgets everything.
     pub fn clear(&mut self) {
+        self.origin_in_world = Vector3::zeros();
         self.frames.clear();
         self.landmarks.clear();
+    }
+
+    /// Moves the origin by whole metres towards the newest frame where that is more than a metre away. Whole, because then no
+    /// position that comes nearer to it is rounded.
+    pub fn follow(&mut self) {
+        let Some(newest) = self.frames.last() else { return };
+        let step = newest.state.position_in_world.map(|value| value.round());
+        if step.amax() <= T::one() || !step.iter().all(|value| value.is_usable()) {
+            return;
+        }
+        self.origin_in_world += step;
+        for frame in &mut self.frames {
+            frame.state.position_in_world -= step;
+            if let Some(first) = &mut frame.linearization {
+                first.position_in_world -= step;
+            }
+        }
+    }
+
+    /// The state of frame `index`, its position counted from the origin of the world.
+    #[must_use]
+    pub fn state_in_world(&self, index: usize) -> Option<NavState<T>> {
+        let mut state = self.frames.get(index)?.state;
+        state.position_in_world += self.origin_in_world;
+        Some(state)
     }
 
     /// Notes that the newest frame sees `track` at `point`, and returns where the frame before saw it. A new landmark is

@@ -320,3 +320,27 @@ fn the_last_keyframe_before_a_frame() {
     }
     assert_eq!([0, 1, 2, 3, 4, 5].map(|before| window.last_keyframe(before)), [None, Some(0), Some(0), Some(2), Some(2), Some(4)]);
 }
+
+#[test]
+fn the_origin_follows_the_body_and_nothing_moves() {
+    let mut window = Window::<f32, FRAMES, 8>::default();
+    for k in 0..4 {
+        let mut state = NavState::origin();
+        state.position_in_world = Vector3::new(7.3 + 0.1 * k as f32, -0.4, 3.6);
+        let mut frame = Frame::new(Timestamp::from_nanos(k), state, Preintegration::new(ImuBias::default()));
+        frame.linearization = (k < 2).then_some(state);
+        assert!(window.frames.push(frame).is_ok());
+    }
+    let before: Vec<_> = (0..4).filter_map(|k| window.state_in_world(k)).collect();
+    window.follow();
+    assert_eq!(window.origin_in_world, Vector3::new(8.0, 0.0, 4.0));
+    assert!(window.frames.iter().all(|frame| frame.state.position_in_world.amax() < 1.0));
+    assert!(window.frames.iter().all(|frame| frame.linearization.is_none_or(|first| first == frame.state)));
+    assert_eq!((0..4).filter_map(|k| window.state_in_world(k)).collect::<Vec<_>>(), before);
+    // Near enough: it stays.
+    window.frames[3].state.position_in_world.x = 1.4;
+    window.follow();
+    assert_eq!(window.origin_in_world, Vector3::new(8.0, 0.0, 4.0));
+    window.clear();
+    assert_eq!(window.origin_in_world, Vector3::zeros());
+}

@@ -49,6 +49,9 @@ pub struct EstimatorSection {
     pub imu_noise_inflation: f64,
     /// Factor on the random walks of the biases. Default 2.0.
     pub imu_walk_inflation: f64,
+    /// How far from frame to frame the camera may be from where exact samples would have it, m: speed times the jitter of the
+    /// stamps, flexing mounts. Default 0.0005.
+    pub position_jitter_m: f64,
     /// Largest angular rate that the gyro can read, rad/s: readings at the end of it are hardly trusted. Default 17.45 (1000 deg/s).
     pub gyro_range_rad_s: f64,
     /// Largest specific force that the accelerometer can read, m/s^2. Default 176.5 (18 g).
@@ -148,6 +151,7 @@ impl Default for EstimatorSection {
             iterations: StepBudget::default().iterations,
             imu_noise_inflation: core.imu_noise_inflation,
             imu_walk_inflation: core.imu_walk_inflation,
+            position_jitter_m: core.position_jitter_m,
             gyro_range_rad_s: core.gyro_range_rad_s,
             accel_range_m_s2: core.accel_range_m_s2,
             gravity_m_s2: core.gravity_m_s2,
@@ -225,6 +229,7 @@ impl Config {
         let positive = [
             ("estimator.imu_noise_inflation", estimator.imu_noise_inflation),
             ("estimator.imu_walk_inflation", estimator.imu_walk_inflation),
+            ("estimator.position_jitter_m", estimator.position_jitter_m),
             ("estimator.gyro_range_rad_s", estimator.gyro_range_rad_s),
             ("estimator.accel_range_m_s2", estimator.accel_range_m_s2),
             ("estimator.gravity_m_s2", estimator.gravity_m_s2),
@@ -281,6 +286,7 @@ impl Config {
             },
             imu_noise_inflation: T::of(estimator.imu_noise_inflation),
             imu_walk_inflation: T::of(estimator.imu_walk_inflation),
+            position_jitter_m: T::of(estimator.position_jitter_m),
             gyro_range_rad_s: T::of(estimator.gyro_range_rad_s),
             accel_range_m_s2: T::of(estimator.accel_range_m_s2),
             gravity_m_s2: T::of(estimator.gravity_m_s2),

@@ -50,7 +50,7 @@ pub(super) fn of<T: Real>(estimator: &Desktop<T>, rig: &Rig, stamp: Timestamp, i
             track: landmark.track,
             pixel: [pixel.x, pixel.y],
             depth_m: depth.filter(|depth| *depth > 0.0),
-            point_in_world: point.map(|point| point.map(Real::as_f64)),
+            point_in_world: point.map(|point| (point + window.origin_in_world).map(Real::as_f64)),
         })
     });
     View { image, corners: corners.collect() }

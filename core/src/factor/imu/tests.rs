@@ -53,7 +53,7 @@ fn residual_of_a_body_at_rest_is_what_the_hand_computes() {
 #[test]
 fn jacobians_match_central_differences() {
     let (pre, from, to) = euroc_like();
-    let whitening = sqrt_information(&pre).unwrap();
+    let whitening = sqrt_information(&pre, 0.0).unwrap();
     for seed in 0..5 {
         let (from, to) = (far_from_truth(&from, seed), far_from_truth(&to, seed + 100));
         let linear = linearize(&pre, &gravity(), &whitening, &from, &to, &from, &to);
@@ -79,7 +79,7 @@ fn jacobians_match_central_differences() {
 #[test]
 fn first_estimates_move_the_jacobians_and_not_the_residual() {
     let (pre, from, to) = euroc_like();
-    let whitening = sqrt_information(&pre).unwrap();
+    let whitening = sqrt_information(&pre, 0.0).unwrap();
     let (first_from, first_to) = (far_from_truth(&from, 1), far_from_truth(&to, 2));
     let mixed = linearize(&pre, &gravity(), &whitening, &from, &to, &first_from, &first_to);
     let now = linearize(&pre, &gravity(), &whitening, &from, &to, &from, &to);
@@ -109,13 +109,24 @@ fn yaw_and_translation_of_the_world_leave_the_residual() {
 #[test]
 fn whitening_is_lower_triangular_and_inverts_the_covariance() {
     let (pre, _, _) = euroc_like();
-    let w = sqrt_information(&pre).unwrap();
+    let w = sqrt_information(&pre, 0.0).unwrap();
     assert_close(&(w * pre.covariance() * w.transpose()), &SMatrix::identity(), 1e-10);
     for row in 0..15 {
         for column in row + 1..15 {
             assert_eq!(w[(row, column)], 0.0);
         }
     }
+}
+
+#[test]
+fn jitter_adds_to_the_position_alone() {
+    let (pre, _, _) = euroc_like();
+    let w = sqrt_information(&pre, 3e-3).unwrap();
+    let mut expected = pre.covariance();
+    for axis in 3..6 {
+        expected[(axis, axis)] += 9e-6;
+    }
+    assert_close(&(w * expected * w.transpose()), &SMatrix::identity(), 1e-10);
 }
 
 #[test]
@@ -126,7 +137,7 @@ fn single_precision_whitens_as_double_does_from_one_sample_to_ten_seconds() {
         let small: std::vec::Vec<_> = samples.iter().map(to_f32).collect();
         let double = integrated(motion.bias, &ImuNoise::adis16448(), &samples);
         let single = integrated(bias_to_f32(&motion.bias), &ImuNoise::adis16448(), &small);
-        let w: SMatrix<f64, 15, 15> = sqrt_information(&single).unwrap().map(f64::from);
+        let w: SMatrix<f64, 15, 15> = sqrt_information(&single, 0.0).unwrap().map(f64::from);
         // Whitened by f32, the covariance of f64 is the identity. A sum of n terms in f32 is off by up to n 2⁻²⁴ = 6e-8 n.
         let white = w * double.covariance() * w.transpose();
         let off = (white - SMatrix::identity()).abs().max();
@@ -138,14 +149,14 @@ fn single_precision_whitens_as_double_does_from_one_sample_to_ten_seconds() {
 fn no_information_without_samples_noise_or_numbers() {
     let motion = Motion::lively();
     let noise = ImuNoise::adis16448();
-    assert!(sqrt_information(&Preintegration::<f64>::new(motion.bias)).is_none());
+    assert!(sqrt_information(&Preintegration::<f64>::new(motion.bias), 0.0).is_none());
     let silent = ImuNoise { gyro_random_walk: 0.0, ..noise };
-    assert!(sqrt_information(&integrated(motion.bias, &silent, &motion.samples(0, 5_000_000, 10))).is_none());
+    assert!(sqrt_information(&integrated(motion.bias, &silent, &motion.samples(0, 5_000_000, 10)), 0.0).is_none());
     let mut samples = motion.samples(0, 5_000_000, 10);
     samples[5].gyro_rad_s.x = f64::NAN;
     samples[7].accel_m_s2.y = f64::INFINITY;
     let broken = integrated(motion.bias, &noise, &samples);
-    assert!(sqrt_information(&broken).is_none());
+    assert!(sqrt_information(&broken, 0.0).is_none());
     let state = motion.state(0.0);
     let linear = linearize(&broken, &gravity(), &SMatrix::identity(), &state, &state, &state, &state);
     assert!(linear.residual.iter().any(|x| x.is_nan()));

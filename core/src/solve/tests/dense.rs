@@ -75,7 +75,7 @@ pub fn dense(window: &SmallWindow<f64>, prior: &SmallPrior<f64>, settings: &Sett
     }
     for to in 1..frames {
         let (from_frame, to_frame) = (&window.frames[to - 1], &window.frames[to]);
-        let weight = imu::sqrt_information(&to_frame.from_previous).unwrap();
+        let weight = imu::sqrt_information(&to_frame.from_previous, settings.position_jitter_m).unwrap();
         let linear = imu::linearize(
             &to_frame.from_previous,
             &settings.gravity_in_world,

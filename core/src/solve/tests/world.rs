@@ -95,6 +95,7 @@ pub fn settings<T: Real>(kernel: Kernel<f64>) -> Settings<T> {
         kernel,
         depth_prior: DepthPrior { mean: T::of(0.2), inverse_sigma: T::ZERO },
         rest_sigma_m_s: T::of(0.02),
+        position_jitter_m: T::of(5e-4),
         behind_camera_cost: T::of(100.0),
     }
 }
@@ -196,5 +197,5 @@ fn see(anchor: &CameraPose<f64>, target: &CameraPose<f64>, direction: &Vector3<f
 
 /// The same window once more.
 pub fn copy<T: Real>(window: &SmallWindow<T>) -> SmallWindow<T> {
-    Window { frames: window.frames.clone(), landmarks: window.landmarks.clone() }
+    Window { origin_in_world: window.origin_in_world, frames: window.frames.clone(), landmarks: window.landmarks.clone() }
 }

@@ -57,6 +57,7 @@ fn setting<'a>(config: &'a mut EstimatorConfig<f32>, name: &str) -> Option<&'a m
         "inverse_depth_sigma_per_m" => &mut config.inverse_depth_sigma_per_m,
         "imu_noise_inflation" => &mut config.imu_noise_inflation,
         "imu_walk_inflation" => &mut config.imu_walk_inflation,
+        "position_jitter_m" => &mut config.position_jitter_m,
         "initialisation_scale_sigma" => &mut config.initialisation_scale_sigma,
         "longest_initialisation_s" => &mut config.longest_initialisation_s,
         "rest_motion_px" => &mut config.rest_motion_px,

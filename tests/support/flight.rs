@@ -167,8 +167,7 @@ impl<'a, T: Real> Pilot<'a, T> {
         self.flown.health.push(self.estimator.health());
         if outcome == FrameOutcome::Initialised {
             let window = self.estimator.window();
-            self.flown.origin =
-                window.frames.first().zip(window.state_in_world(0)).map(|(frame, state)| (frame.stamp, in_f64(&state)));
+            self.flown.origin = window.frames.first().zip(window.state_in_world(0)).map(|(frame, state)| (frame.stamp, in_f64(&state)));
         }
         if let (Some(estimate), Some(predicted)) = (self.estimator.state(), predicted) {
             self.flown.states.push(Knowledge {

@@ -39,7 +39,7 @@ pub struct EstimatorConfig<T: Real> {
     pub inverse_depth_sigma_per_m: T,
     /// Standard deviation of the velocity of a body found at rest, m/s.
     pub rest_sigma_m_s: T,
-    /// Common displacement of the corners from image to image below which the image stands still, px.
+    /// Common displacement of the corners since the image stands still at which it moves, px.
     pub rest_motion_px: T,
     /// Corners that have to be seen for a pose to count as tracked; below, it coasts.
     pub least_tracked: usize,

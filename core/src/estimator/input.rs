@@ -9,7 +9,10 @@ use crate::imu::{ImuSample, Preintegration};
 use crate::real::Real;
 use crate::time::Timestamp;
 use crate::track::Observation;
-use crate::window::{Frame, NormalizedPoint};
+use crate::window::{CommonFlow, Frame, NormalizedPoint};
+
+/// A corner that moved by this many times what ends stillness moved by itself.
+pub(super) const STRAY: f64 = 8.0;
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>
     Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES>
@@ -78,8 +81,9 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     }
 
     fn close_frame(&mut self) {
-        self.image_motion_px = core::mem::take(&mut self.image_motion).size().map(|size| size * self.camera.focal_px());
         let newest = self.window.frames.len() - 1;
+        let limit = self.config.rest_motion_px / self.camera.focal_px();
+        self.stillness.update(&self.image_motion, self.window.frames[newest].stamp, limit);
         self.window.landmarks.retain(|landmark| landmark.active || landmark.is_seen_in(newest));
         self.pending = true;
     }
@@ -108,6 +112,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
                 Frame::new(stamp, state, Preintegration::new(state.bias))
             }
         };
+        self.image_motion = CommonFlow::within(self.config.rest_motion_px / self.camera.focal_px() * T::of(STRAY));
         // There is room: made above.
         let _ = self.window.frames.push(frame);
         Ok(())

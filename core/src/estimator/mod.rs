@@ -3,6 +3,7 @@
 mod config;
 mod inertial;
 mod input;
+mod outliers;
 mod output;
 mod running;
 mod sliding;
@@ -24,7 +25,7 @@ use crate::robust::kernel::Kernel;
 use crate::solve::{Settings, Workspace};
 use crate::time::Timestamp;
 use crate::track::{FrontEnd, FrontEndConfig};
-use crate::window::{CommonFlow, DepthPrior, Window};
+use crate::window::{CommonFlow, DepthPrior, Stillness, Window};
 
 /// Corners to follow at a time.
 const TARGET_TRACKS: usize = 200;
@@ -50,10 +51,10 @@ pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POI
     pending: bool,
     /// The newest frame saw so little that its pose rests on inertial samples.
     blind_since: Option<Timestamp>,
-    /// How the image as a whole moved since the frame before, px; nothing without corners to tell.
-    image_motion_px: Option<T>,
-    /// Behind it, while a frame is being filled.
+    /// How the image as a whole moved since the one before.
     image_motion: CommonFlow<T>,
+    /// Since when the image stands still.
+    stillness: Stillness<T>,
     /// Images in a row that contradicted the solution.
     contradictions: u8,
     report: StepReport<T>,
@@ -91,8 +92,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             pose_covariance: SMatrix::zeros(),
             pending: false,
             blind_since: None,
-            image_motion_px: None,
-            image_motion: CommonFlow::default(),
+            image_motion: CommonFlow::within(T::ZERO),
+            stillness: Stillness::default(),
             contradictions: 0,
             report: StepReport::default(),
             front_end: FrontEnd::new(front_end_config(&camera)),
@@ -144,12 +145,6 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     #[must_use]
     pub fn window(&self) -> &Window<T, FRAMES, POINTS> {
         &self.window
-    }
-
-    /// How the image as a whole moved from the image before to the newest, px; nothing without corners to tell.
-    #[must_use]
-    pub fn image_motion_px(&self) -> Option<T> {
-        self.image_motion_px
     }
 
     /// Forgets every frame and landmark and initialises anew with the next data.

@@ -3,18 +3,17 @@
 use nalgebra::Vector3;
 
 use super::{Estimator, FrameOutcome, Health, StepBudget};
-use crate::factor::reprojection;
 use crate::imu::ImuBias;
 use crate::real::Real;
 use crate::solve::optimize;
 
-/// Inverse depth, 1/m, below which a landmark is wrong: noise makes far ones pass infinity.
-const LEAST_INVERSE_DEPTH: f64 = -0.5;
 /// A bias farther from zero than this many of its first standard deviations is no bias, but a contradiction between camera and
 /// inertial samples.
 const MOST_SIGMA: f64 = 4.0;
 /// Cost per observation kept above which the solution contradicts the corners; 0.75 where noise alone is left.
 const MOST_MEAN_COST: f64 = 2.0;
+/// How long the image has to stand still before the body counts as resting: turning points of a motion are shorter.
+const REST_SETTLES_S: f64 = 0.3;
 /// Images in a row that the solution may contradict before it counts as lost: half a second at 20 Hz.
 const MOST_CONTRADICTIONS: u8 = 10;
 
@@ -60,62 +59,26 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.remove_outliers();
     }
 
-    /// Gives a depth to landmarks that have seen enough parallax.
+    /// Lets landmarks that three images have seen take part.
+    ///
+    /// Where the poses are known, each joins once its depth is known to the usual one. Where they are not, all join, at the usual depth: depths told
+    /// by wrong poses would keep them wrong, and a small motion backwards with all points behind the camera explains corners as well
+    /// as the true one.
     pub(super) fn activate_landmarks(&mut self) {
+        let poses_are_known = self.tracked_landmarks() >= self.config.least_tracked;
         self.workspace.geometry.update(&self.window.frames, &self.settings);
         let poses = &self.workspace.geometry.camera_poses;
         let prior = &self.settings.depth_prior;
         for landmark in self.window.landmarks.iter_mut().filter(|landmark| !landmark.active && landmark.observations() > 2) {
-            landmark.inverse_depth =
-                landmark.triangulate(poses).filter(|found| *found > T::ZERO && *found < T::of(2.0)).unwrap_or(prior.mean);
-            // Once its depth is known to the usual one: where the body hardly moved, depth and motion would explain each other.
-            landmark.active = landmark.refine(poses, prior).is_some_and(|information| prior.mean * information.root() > T::one());
-        }
-    }
-
-    /// Takes out observations that the solution contradicts, and landmarks that have lost their meaning.
-    fn remove_outliers(&mut self) {
-        let gate = self.config.outlier_chi2;
-        let newest = self.window.frames.len().saturating_sub(1);
-        let geometry = &self.workspace.geometry;
-        let (mut removed, mut kept, mut kept_cost) = (0, T::ZERO, T::ZERO);
-        for landmark in self.window.landmarks.iter_mut().filter(|landmark| landmark.active) {
-            let anchor = landmark.anchor();
-            let direction = landmark.direction();
-            let inverse_depth = landmark.inverse_depth;
-            let mut contradicted = 0_u32;
-            for (frame, point) in landmark.seen() {
-                let residual = if frame == anchor {
-                    Some(reprojection::at_anchor(&direction, point))
-                } else {
-                    reprojection::residual(geometry.pair(anchor, frame), &direction, inverse_depth, point)
-                };
-                match residual.map(|residual| residual.norm_squared()).filter(|squared| *squared < gate) {
-                    Some(squared) => {
-                        kept += T::one();
-                        kept_cost += self.settings.kernel.rho(squared) * T::of(0.5);
-                    }
-                    None => contradicted |= 1 << frame,
-                }
-            }
-            removed += contradicted.count_ones() as usize;
-            let lost_in_newest = contradicted >> newest & 1 == 1;
-            for frame in (0..=newest).filter(|frame| contradicted >> frame & 1 == 1) {
-                landmark.forget(frame, &geometry.camera_poses);
-            }
-            if lost_in_newest || landmark.observations() < 2 || !(inverse_depth > T::of(LEAST_INVERSE_DEPTH) && inverse_depth < T::of(20.0))
-            {
-                landmark.active = false;
-                landmark.condemned = true;
+            if poses_are_known {
+                let found = landmark.triangulate(poses).filter(|found| *found > T::ZERO && *found < T::of(2.0));
+                landmark.inverse_depth = found.unwrap_or(prior.mean);
+                landmark.active = landmark.refine(poses, prior).is_some_and(|information| prior.is_surpassed_by(information));
+            } else {
+                landmark.inverse_depth = prior.mean;
+                landmark.active = true;
             }
         }
-        self.report.outliers = removed;
-        // As if twenty more had been seen exactly: a handful says little.
-        self.report.mean_cost = kept_cost / (kept + T::of(20.0));
-        for landmark in self.window.landmarks.iter().filter(|landmark| landmark.condemned) {
-            self.front_end.drop_tracks(|track| track.id == landmark.track);
-        }
-        self.window.landmarks.retain(|landmark| !landmark.condemned);
     }
 
     /// Landmarks with a depth that the newest frame sees.
@@ -175,7 +138,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         // Means over the interval: running motors shake a body that rests.
         let turning = (rate / count).norm();
         let pushing = ((force / count).norm() - self.config.gravity_m_s2).abs();
-        let still = self.image_motion_px.is_some_and(|motion| motion < self.config.rest_motion_px);
+        let still = self.stillness.lasted_s(newest.stamp) > T::of(REST_SETTLES_S);
         newest.at_rest = still && turning < T::of(0.02) && pushing < T::of(0.3);
     }
 

@@ -5,6 +5,7 @@
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
+use super::input::STRAY;
 use super::{Estimator, FrameOutcome, Health, StepBudget, Waiting};
 use crate::camera::Camera;
 use crate::imu::{NavState, Preintegration};
@@ -96,7 +97,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     fn displacement_since(&self, newest: Timestamp, span_s: T) -> Option<(usize, T)> {
         let last = self.window.frames.len().checked_sub(1)?;
         let first = self.window.frames.iter().rposition(|frame| (newest - frame.stamp).as_seconds::<T>() >= span_s)?;
-        let mut flow = CommonFlow::default();
+        let mut flow = CommonFlow::within(self.config.rest_motion_px / self.camera.focal_px() * T::of(STRAY));
         for landmark in &self.window.landmarks {
             if let (Some(before), Some(after)) = (landmark.point(first), landmark.point(last)) {
                 flow.add(before, after);

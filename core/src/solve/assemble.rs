@@ -15,7 +15,7 @@
 use super::normal::{Coupling, Parts};
 use super::point::PointNormal;
 use super::workspace::{Geometry, Settings, Workspace};
-use crate::factor::{imu, prior::Prior, reprojection};
+use crate::factor::{imu, prior::Prior};
 use crate::real::Real;
 use crate::storage::blocks::{Block, add_transposed_product, columns, place, transpose, zero_block};
 use crate::window::{Landmark, Window};
@@ -36,12 +36,8 @@ pub fn cost<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usiz
         let mut own = settings.depth_prior.residual(landmark.inverse_depth);
         own *= own;
         for (frame, point) in landmark.seen() {
-            let squared = if frame == anchor {
-                reprojection::at_anchor(&direction, point).norm_squared()
-            } else {
-                reprojection::residual(workspace.geometry.pair(anchor, frame), &direction, landmark.inverse_depth, point)
-                    .map_or(settings.behind_camera_cost, |residual| residual.norm_squared())
-            };
+            let residual = workspace.geometry.residual(anchor, frame, &direction, landmark.inverse_depth, point);
+            let squared = residual.map_or(settings.behind_camera_cost, |residual| residual.norm_squared());
             own += huber.rho(squared);
         }
         total += own;

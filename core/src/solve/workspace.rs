@@ -1,6 +1,6 @@
 //! Memory that one solution needs, reused from image to image.
 
-use nalgebra::{Isometry3, SMatrix, Vector3};
+use nalgebra::{Isometry3, SMatrix, Vector2, Vector3};
 
 use super::marginalize::fits as marginalization_fits;
 use super::normal::NormalEquations;
@@ -107,6 +107,23 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Geometry<T, FRAMES, PAIRS
     #[must_use]
     pub fn pair(&self, anchor: usize, target: usize) -> &PairGeometry<T> {
         &self.pairs[place(target, anchor)]
+    }
+
+    /// One observation's whitened residual, that of the anchor itself included; nothing behind the camera.
+    #[inline(always)]
+    pub fn residual(
+        &self,
+        anchor: usize,
+        frame: usize,
+        direction: &Vector3<T>,
+        inverse_depth: T,
+        point: &NormalizedPoint<T>,
+    ) -> Option<Vector2<T>> {
+        if frame == anchor {
+            Some(reprojection::at_anchor(direction, point))
+        } else {
+            reprojection::residual(self.pair(anchor, frame), direction, inverse_depth, point)
+        }
     }
 
     /// One observation, linearised.

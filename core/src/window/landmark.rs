@@ -40,6 +40,13 @@ impl<T: Real> DepthPrior<T> {
     pub fn residual(&self, inverse_depth: T) -> T {
         (inverse_depth - self.mean) * self.inverse_sigma
     }
+
+    /// Whether an inverse depth of this `information` (m²) is known to the mean: its standard deviation is below that.
+    #[inline]
+    #[must_use]
+    pub fn is_surpassed_by(&self, information: T) -> bool {
+        self.mean * information.root() > T::one()
+    }
 }
 
 /// A corner followed through the window.

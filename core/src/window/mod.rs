@@ -6,7 +6,7 @@ mod geometry;
 mod landmark;
 mod policy;
 
-pub use flow::CommonFlow;
+pub use flow::{CommonFlow, Stillness};
 pub use frame::Frame;
 pub use geometry::CameraPose;
 pub use landmark::{DepthPrior, Landmark, NormalizedPoint};

@@ -167,10 +167,8 @@ fn the_stated_covariance_is_that_of_the_errors_made() {
     judge("from rest", &study(0..runs, 1.5, &LOOKS_S), &LOOKS_S, runs as usize, InTheEnd::Consistent);
 }
 
-/// Known to fail: while a body leaves its rest, motion and depths explain each other, and the linear model claims to know both.
-/// Measured: a mean NEES of 19.3 (6 ± 1.26) 1.5 s after the start, errors 1.8 times those stated.
+/// While a body leaves its rest, motion and depths explain each other.
 #[test]
-#[ignore = "the first second of motion after rest is overconfident"]
 fn the_stated_covariance_holds_while_leaving_rest() {
     let runs = 50;
     judge("leaving rest", &study(0..runs, 1.5, &[1.5]), &[1.5], runs as usize, InTheEnd::Near);

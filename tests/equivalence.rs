@@ -11,18 +11,9 @@ use support::flight::{fly, on_all_cores, simulated_config};
 use support::motion::Script;
 use support::tolerance::{ATE_GRAIN_M, ATE_VICON_ROOM_M, SCALAR_SHARE};
 
-/// Known to fail: turning fast, with little motion to tell the scale from, f64 was .236 m off and f32 .037.
 #[test]
-#[ignore = "the scale of a fast turn on the spot hangs on the first seconds"]
-fn single_precision_is_as_accurate_in_fast_turns() {
-    compare(&[(MotionKind::FastYaw, 1.5, 4)]);
-}
-
-/// Known to fail since bearings are estimated: .0165 m in f64, .0193 m in f32 in the mean, 10 % are promised.
-#[test]
-#[ignore = "f32 is 17 % off f64, see the figures above"]
 fn single_precision_is_as_accurate_as_double() {
-    compare(&[(MotionKind::Easy, 1.5, 1), (MotionKind::Medium, 1.5, 2), (MotionKind::Difficult, 0.0, 3)]);
+    compare(&[(MotionKind::Easy, 1.5, 1), (MotionKind::Medium, 1.5, 2), (MotionKind::Difficult, 0.0, 3), (MotionKind::FastYaw, 1.5, 4)]);
 }
 
 fn compare(jobs: &[(MotionKind, f64, u64)]) {

@@ -37,6 +37,8 @@ pub struct EstimatorConfig<T: Real> {
     pub inverse_depth_per_m: T,
     /// Its standard deviation, 1/m; wide, so that motion decides.
     pub inverse_depth_sigma_per_m: T,
+    /// The same while motion has told nothing yet, 1/m; narrow, or all points go to infinity and the body anywhere.
+    pub inverse_depth_guess_sigma_per_m: T,
     /// Standard deviation of the velocity of a body found at rest, m/s.
     pub rest_sigma_m_s: T,
     /// Common displacement of the corners since the image stands still at which it moves, px.
@@ -76,7 +78,7 @@ impl<T: Real> Default for EstimatorConfig<T> {
             imu_noise: ImuNoise::adis16448(),
             imu_noise_inflation: T::of(4.0),
             imu_walk_inflation: T::of(2.0),
-            position_jitter_m: T::of(5e-4),
+            position_jitter_m: T::of(7e-4),
             gyro_range_rad_s: T::of(17.45),
             accel_range_m_s2: T::of(176.5),
             gravity_m_s2: T::of(9.81),
@@ -88,6 +90,7 @@ impl<T: Real> Default for EstimatorConfig<T> {
             keyframe_interval_s: T::of(1.0),
             inverse_depth_per_m: T::of(0.3),
             inverse_depth_sigma_per_m: T::of(3.0),
+            inverse_depth_guess_sigma_per_m: T::of(0.6),
             rest_sigma_m_s: T::of(0.02),
             rest_motion_px: T::of(0.25),
             least_tracked: 8,

@@ -83,6 +83,5 @@ fn has_impossible_depth<T: Real, const FRAMES: usize, const PAIRS: usize>(
         return false;
     }
     landmark.inverse_depth = prior.mean;
-    let mut trial = *landmark;
-    trial.refine(&geometry.camera_poses, prior).is_some_and(|information| prior.is_surpassed_by(information))
+    landmark.is_told(&geometry.camera_poses, prior)
 }

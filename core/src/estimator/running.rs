@@ -23,7 +23,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     pub(super) fn step_running(&mut self, budget: StepBudget) -> FrameOutcome {
         self.mark_rest();
         self.integrate_anew();
-        self.activate_landmarks();
+        self.activate_landmarks(self.tracked_landmarks() >= self.config.least_tracked);
         self.solve(budget.iterations);
         self.report.tracked = self.tracked_landmarks();
         self.contradictions = if self.contradicted() { self.contradictions.saturating_add(1) } else { 0 };
@@ -61,21 +61,25 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
 
     /// Lets landmarks that three images have seen take part.
     ///
-    /// Where the poses are known, each joins once its depth is known to the usual one. Where they are not, all join, at the usual depth: depths told
-    /// by wrong poses would keep them wrong, and a small motion backwards with all points behind the camera explains corners as well
-    /// as the true one.
-    pub(super) fn activate_landmarks(&mut self) {
-        let poses_are_known = self.tracked_landmarks() >= self.config.least_tracked;
+    /// Where the poses are known, each joins once its depth is known to the usual one. Where they are not, all join at the usual depth, which is a guess
+    /// until motion tells better: depths told by wrong poses would keep them wrong, and a small motion backwards with all points
+    /// behind the camera explains corners as well as the true one.
+    pub(super) fn activate_landmarks(&mut self, poses_are_known: bool) {
         self.workspace.geometry.update(&self.window.frames, &self.settings);
         let poses = &self.workspace.geometry.camera_poses;
         let prior = &self.settings.depth_prior;
+        for landmark in self.window.landmarks.iter_mut().filter(|landmark| landmark.active && landmark.guessed) {
+            landmark.guessed = !landmark.is_told(poses, prior);
+        }
         for landmark in self.window.landmarks.iter_mut().filter(|landmark| !landmark.active && landmark.observations() > 2) {
+            landmark.inverse_depth = prior.mean;
+            landmark.guessed = !poses_are_known;
             if poses_are_known {
                 let found = landmark.triangulate(poses).filter(|found| *found > T::ZERO && *found < T::of(2.0));
                 landmark.inverse_depth = found.unwrap_or(prior.mean);
-                landmark.active = landmark.refine(poses, prior).is_some_and(|information| prior.is_surpassed_by(information));
+                let information = landmark.refine(poses, prior);
+                landmark.active = information.is_some_and(|information| prior.is_surpassed_by(information));
             } else {
-                landmark.inverse_depth = prior.mean;
                 landmark.active = true;
             }
         }

@@ -176,7 +176,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         origin.bias.accel_m_s2 = Vector3::zeros();
         self.begin(&origin, first);
         for _ in 0..2 {
-            self.activate_landmarks();
+            self.activate_landmarks(true);
             self.solve(budget.iterations.max(FIRST_ITERATIONS));
         }
         // The whole window has to agree, or what came out means nothing: wrong extrinsics, wrong stamps.

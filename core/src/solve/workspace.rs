@@ -11,7 +11,7 @@ use crate::real::Real;
 use crate::robust::kernel::Kernel;
 use crate::storage::blocks::{pairs, place};
 use crate::time::{Span, Timestamp};
-use crate::window::{CameraPose, DepthPrior, Frame, NormalizedPoint, Window};
+use crate::window::{CameraPose, DepthPrior, Frame, Landmark, NormalizedPoint, Window};
 
 /// What the factors have in common.
 #[derive(Debug, Clone, Copy)]
@@ -26,12 +26,23 @@ pub struct Settings<T: Real> {
     pub kernel: Kernel<T>,
     /// Of every landmark.
     pub depth_prior: DepthPrior<T>,
+    /// The same while motion has not told the depth yet.
+    pub guessed_depth_prior: DepthPrior<T>,
     /// Standard deviation of the velocity of a body found at rest, m/s.
     pub rest_sigma_m_s: T,
     /// Noise of the position beside that of the inertial samples, m.
     pub position_jitter_m: T,
     /// Squared whitened residual charged for a landmark behind a camera that sees it.
     pub behind_camera_cost: T,
+}
+
+impl<T: Real> Settings<T> {
+    /// What is known beforehand of the inverse depth of `landmark`.
+    #[inline(always)]
+    #[must_use]
+    pub fn prior_on<const FRAMES: usize>(&self, landmark: &Landmark<T, FRAMES>) -> &DepthPrior<T> {
+        if landmark.guessed { &self.guessed_depth_prior } else { &self.depth_prior }
+    }
 }
 
 /// Where the cameras of a window are, currently and at the first estimates.

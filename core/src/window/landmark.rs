@@ -34,6 +34,12 @@ pub struct DepthPrior<T> {
 }
 
 impl<T: Real> DepthPrior<T> {
+    /// From mean and standard deviation, 1/m.
+    #[must_use]
+    pub fn new(mean_per_m: T, sigma_per_m: T) -> Self {
+        Self { mean: mean_per_m, inverse_sigma: T::one() / sigma_per_m }
+    }
+
     /// Whitened.
     #[inline]
     #[must_use]
@@ -56,6 +62,8 @@ pub struct Landmark<T: Real, const FRAMES: usize> {
     pub track: TrackId,
     /// Whether its depth is known well enough to take part in the solution.
     pub active: bool,
+    /// Whether its depth is the usual one rather than told by motion.
+    pub guessed: bool,
     /// Whether it was found wrong and leaves the window.
     pub condemned: bool,
     /// `λ`, 1/m, along [`Landmark::bearing`].
@@ -76,6 +84,7 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
         let mut landmark = Self {
             track,
             active: false,
+            guessed: false,
             condemned: false,
             inverse_depth: T::ZERO,
             saved: [T::ZERO; 3],
@@ -271,6 +280,13 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
         // λ comes last: its pivot is what is left when x and y are eliminated.
         let pivot = factor.l_dirty()[(2, 2)];
         Some(pivot * pivot)
+    }
+
+    /// Whether observations tell the inverse depth to the mean of the prior, poses fixed.
+    #[must_use]
+    pub fn is_told(&self, camera_poses: &[CameraPose<T>], prior: &DepthPrior<T>) -> bool {
+        let mut trial = *self;
+        trial.refine(camera_poses, prior).is_some_and(|information| prior.is_surpassed_by(information))
     }
 
     /// Half the sum of squared whitened residuals, and its normal equations in `(x, y, λ)` where asked for.

@@ -50,7 +50,7 @@ pub struct EstimatorSection {
     /// Factor on the random walks of the biases. Default 2.0.
     pub imu_walk_inflation: f64,
     /// How far from frame to frame the camera may be from where exact samples would have it, m: speed times the jitter of the
-    /// stamps, flexing mounts. Default 0.0005.
+    /// stamps, flexing mounts. Default 0.0007.
     pub position_jitter_m: f64,
     /// Largest angular rate that the gyro can read, rad/s: readings at the end of it are hardly trusted. Default 17.45 (1000 deg/s).
     pub gyro_range_rad_s: f64,
@@ -74,9 +74,11 @@ pub struct EstimatorSection {
     pub inverse_depth_per_m: f64,
     /// Its standard deviation, 1/m; wide, so that motion decides. Default 3.0.
     pub inverse_depth_sigma_per_m: f64,
+    /// The same while motion has told nothing yet, 1/m; narrow, or all points go to infinity and the body anywhere. Default 0.6.
+    pub inverse_depth_guess_sigma_per_m: f64,
     /// Standard deviation of the velocity of a body found at rest, m/s. Default 0.02.
     pub rest_sigma_m_s: f64,
-    /// Common displacement of the corners from image to image below which the image stands still, px. Default 0.25.
+    /// Common displacement of the corners since the image stands still at which it moves, px. Default 0.25.
     pub rest_motion_px: f64,
     /// Corners that have to be seen for a pose to count as tracked; below, it coasts. Default 8.
     pub least_tracked: usize,
@@ -163,6 +165,7 @@ impl Default for EstimatorSection {
             keyframe_interval_s: core.keyframe_interval_s,
             inverse_depth_per_m: core.inverse_depth_per_m,
             inverse_depth_sigma_per_m: core.inverse_depth_sigma_per_m,
+            inverse_depth_guess_sigma_per_m: core.inverse_depth_guess_sigma_per_m,
             rest_sigma_m_s: core.rest_sigma_m_s,
             rest_motion_px: core.rest_motion_px,
             least_tracked: core.least_tracked,
@@ -241,6 +244,7 @@ impl Config {
             ("estimator.keyframe_interval_s", estimator.keyframe_interval_s),
             ("estimator.inverse_depth_per_m", estimator.inverse_depth_per_m),
             ("estimator.inverse_depth_sigma_per_m", estimator.inverse_depth_sigma_per_m),
+            ("estimator.inverse_depth_guess_sigma_per_m", estimator.inverse_depth_guess_sigma_per_m),
             ("estimator.rest_sigma_m_s", estimator.rest_sigma_m_s),
             ("estimator.rest_motion_px", estimator.rest_motion_px),
             ("estimator.longest_coast_s", estimator.longest_coast_s),
@@ -298,6 +302,7 @@ impl Config {
             keyframe_interval_s: T::of(estimator.keyframe_interval_s),
             inverse_depth_per_m: T::of(estimator.inverse_depth_per_m),
             inverse_depth_sigma_per_m: T::of(estimator.inverse_depth_sigma_per_m),
+            inverse_depth_guess_sigma_per_m: T::of(estimator.inverse_depth_guess_sigma_per_m),
             rest_sigma_m_s: T::of(estimator.rest_sigma_m_s),
             rest_motion_px: T::of(estimator.rest_motion_px),
             least_tracked: estimator.least_tracked,

@@ -97,8 +97,8 @@ pub fn dense(window: &SmallWindow<f64>, prior: &SmallPrior<f64>, settings: &Sett
     for (landmark, column) in window.landmarks.iter().zip(&landmarks) {
         let (anchor, Some(column)) = (landmark.anchor(), column) else { continue };
         let mut whole = DVector::zeros(columns);
-        whole[*column + 2] = settings.depth_prior.inverse_sigma;
-        rows.push((whole, settings.depth_prior.residual(landmark.inverse_depth)));
+        whole[*column + 2] = settings.prior_on(landmark).inverse_sigma;
+        rows.push((whole, settings.prior_on(landmark).residual(landmark.inverse_depth)));
         for (frame, point) in landmark.seen() {
             if frame == anchor {
                 let residual = reprojection::at_anchor(&landmark.direction(), point);

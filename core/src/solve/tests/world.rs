@@ -94,6 +94,7 @@ pub fn settings<T: Real>(kernel: Kernel<f64>) -> Settings<T> {
         mount: CameraMount::new(&pose),
         kernel,
         depth_prior: DepthPrior { mean: T::of(0.2), inverse_sigma: T::ZERO },
+        guessed_depth_prior: DepthPrior { mean: T::of(0.25), inverse_sigma: T::of(4.0) },
         rest_sigma_m_s: T::of(0.02),
         position_jitter_m: T::of(5e-4),
         behind_camera_cost: T::of(100.0),
@@ -158,6 +159,7 @@ impl<T: Real> World<T> {
             landmark.bearing = [T::of(direction.x), T::of(direction.y)];
             landmark.inverse_depth = T::of(inverse_depth * (1.0 + 0.1 * recipe.error * normal.draw()));
             landmark.active = true;
+            landmark.guessed = recipe.noise > 0.0 && index % 3 == 0;
             inverse_depths.push(T::of(inverse_depth));
             assert!(window.landmarks.push(landmark).is_ok());
         }

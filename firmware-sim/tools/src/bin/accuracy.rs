@@ -55,6 +55,7 @@ fn setting<'a>(config: &'a mut EstimatorConfig<f32>, name: &str) -> Option<&'a m
         "keyframe_shared_ratio" => &mut config.keyframe_shared_ratio,
         "keyframe_interval_s" => &mut config.keyframe_interval_s,
         "inverse_depth_sigma_per_m" => &mut config.inverse_depth_sigma_per_m,
+        "inverse_depth_guess_sigma_per_m" => &mut config.inverse_depth_guess_sigma_per_m,
         "imu_noise_inflation" => &mut config.imu_noise_inflation,
         "imu_walk_inflation" => &mut config.imu_walk_inflation,
         "position_jitter_m" => &mut config.position_jitter_m,

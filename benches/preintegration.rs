@@ -53,9 +53,9 @@ fn measure<T: Real>(criterion: &mut Criterion, scalar: &str) {
             first
         });
     });
-    group.bench_function("sqrt_information", |b| b.iter(|| sqrt_information(black_box(&whole), 5e-4)));
+    group.bench_function("sqrt_information", |b| b.iter(|| sqrt_information(black_box(&whole), T::of(1e-3))));
     let gravity = Vector3::new(T::ZERO, T::ZERO, T::of(-9.81));
-    let whitening = sqrt_information(&whole, 5e-4).unwrap();
+    let whitening = sqrt_information(&whole, T::of(1e-3)).unwrap();
     let from = NavState::origin();
     let to = whole.predict(&from, &gravity);
     group.bench_function("linearize", |b| {

@@ -66,7 +66,7 @@ fn world<T: Real>() -> World<T> {
         depth_prior: DepthPrior { mean: T::of(0.3), inverse_sigma: T::of(1.0 / 3.0) },
         guessed_depth_prior: DepthPrior { mean: T::of(0.3), inverse_sigma: T::of(1.0 / 0.3) },
         rest_sigma_m_s: T::of(0.02),
-        position_jitter_m: T::of(5e-4),
+        position_jitter_m: T::of(1e-3),
         behind_camera_cost: T::of(100.0),
     };
     let velocity = vector::<T>(0.05, 0.6, 0.1);

@@ -78,7 +78,7 @@ impl<T: Real> Default for EstimatorConfig<T> {
             imu_noise: ImuNoise::adis16448(),
             imu_noise_inflation: T::of(4.0),
             imu_walk_inflation: T::of(2.0),
-            position_jitter_m: T::of(7e-4),
+            position_jitter_m: T::of(1e-3),
             gyro_range_rad_s: T::of(17.45),
             accel_range_m_s2: T::of(176.5),
             gravity_m_s2: T::of(9.81),

@@ -6,12 +6,15 @@ use super::{Estimator, FrameOutcome, Health, StepBudget};
 use crate::imu::ImuBias;
 use crate::real::Real;
 use crate::solve::optimize;
+use crate::window::Frame;
 
 /// A bias farther from zero than this many of its first standard deviations is no bias, but a contradiction between camera and
 /// inertial samples.
 const MOST_SIGMA: f64 = 4.0;
 /// Cost per observation kept above which the solution contradicts the corners; 0.75 where noise alone is left.
 const MOST_MEAN_COST: f64 = 2.0;
+/// A body that moves this many times faster than one at rest may seem to moves in the direction that it seems to.
+const MOVING_SIGMA: f64 = 5.0;
 /// How long the image has to stand still before the body counts as resting: turning points of a motion are shorter.
 const REST_SETTLES_S: f64 = 0.3;
 /// Images in a row that the solution may contradict before it counts as lost: half a second at 20 Hz.
@@ -23,7 +26,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     pub(super) fn step_running(&mut self, budget: StepBudget) -> FrameOutcome {
         self.mark_rest();
         self.integrate_anew();
-        self.activate_landmarks(self.tracked_landmarks() >= self.config.least_tracked);
+        self.activate_landmarks(self.poses_are_known());
         self.solve(budget.iterations);
         self.report.tracked = self.tracked_landmarks();
         self.contradictions = if self.contradicted() { self.contradictions.saturating_add(1) } else { 0 };
@@ -83,6 +86,12 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
                 landmark.active = true;
             }
         }
+    }
+
+    /// Whether poses are good enough to tell depths: they have been, or the body moves faster than its velocity may be wrong.
+    fn poses_are_known(&self) -> bool {
+        let moves = |newest: &Frame<T>| newest.state.velocity_in_world.norm() > self.config.rest_sigma_m_s * T::of(MOVING_SIGMA);
+        self.tracked_landmarks() >= self.config.least_tracked || self.window.frames.last().is_some_and(moves)
     }
 
     /// Landmarks with a depth that the newest frame sees.

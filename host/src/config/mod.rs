@@ -50,7 +50,7 @@ pub struct EstimatorSection {
     /// Factor on the random walks of the biases. Default 2.0.
     pub imu_walk_inflation: f64,
     /// How far from frame to frame the camera may be from where exact samples would have it, m: speed times the jitter of the
-    /// stamps, flexing mounts. Default 0.0007.
+    /// stamps, flexing mounts. Default 0.001.
     pub position_jitter_m: f64,
     /// Largest angular rate that the gyro can read, rad/s: readings at the end of it are hardly trusted. Default 17.45 (1000 deg/s).
     pub gyro_range_rad_s: f64,

@@ -96,7 +96,7 @@ pub fn settings<T: Real>(kernel: Kernel<f64>) -> Settings<T> {
         depth_prior: DepthPrior { mean: T::of(0.2), inverse_sigma: T::ZERO },
         guessed_depth_prior: DepthPrior { mean: T::of(0.25), inverse_sigma: T::of(4.0) },
         rest_sigma_m_s: T::of(0.02),
-        position_jitter_m: T::of(5e-4),
+        position_jitter_m: T::of(1e-3),
         behind_camera_cost: T::of(100.0),
     }
 }

@@ -43,7 +43,8 @@ fn batch(before: &SmallWindow<f64>, after: &SmallWindow<f64>) -> SmallWindow<f64
         for (frame, point) in seen {
             landmark.observe(frame + 1, *point);
         }
-        (landmark.bearing, landmark.inverse_depth, landmark.active) = (kept.bearing, kept.inverse_depth, kept.active);
+        (landmark.bearing, landmark.inverse_depth) = (kept.bearing, kept.inverse_depth);
+        (landmark.active, landmark.guessed) = (kept.active, kept.guessed);
         assert!(whole.landmarks.push(landmark).is_ok());
     }
     whole

@@ -33,8 +33,7 @@ use nalgebra::{Matrix4, Matrix6, SMatrix, UnitQuaternion, Vector3, Vector6};
 use support::flight::{Flown, Knowledge, fly, on_all_cores, simulated_config, truth_at};
 use support::tolerance::{NEES_GAUGE_SIGMA, NEES_SHARE_LEAST, NEES_SHARE_MOST};
 
-/// When the error is looked at, s after initialisation; the last one has to lie in the 99 % band, the others near it. The first falls
-/// into the take-off.
+/// When the error is looked at, s after initialisation; the last one has to lie in the 99 % band, the others near it.
 const LOOKS_S: [f64; 2] = [4.0, 7.0];
 /// Time for initialisation on top, s.
 const START_S: f64 = 5.0;

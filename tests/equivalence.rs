@@ -13,11 +13,8 @@ use support::tolerance::{ATE_GRAIN_M, ATE_VICON_ROOM_M, SCALAR_SHARE};
 
 #[test]
 fn single_precision_is_as_accurate_as_double() {
-    compare(&[(MotionKind::Easy, 1.5, 1), (MotionKind::Medium, 1.5, 2), (MotionKind::Difficult, 0.0, 3), (MotionKind::FastYaw, 1.5, 4)]);
-}
-
-fn compare(jobs: &[(MotionKind, f64, u64)]) {
-    let ates = on_all_cores(jobs, |(kind, rest_s, seed)| {
+    let jobs = [(MotionKind::Easy, 1.5, 1), (MotionKind::Medium, 1.5, 2), (MotionKind::Difficult, 0.0, 3), (MotionKind::FastYaw, 1.5, 4)];
+    let ates = on_all_cores(&jobs, |(kind, rest_s, seed)| {
         let recording = Script { kind: *kind, rest_s: *rest_s, duration_s: 20.0, seed: *seed, ..Script::default() }.recording();
         let wide = fly::<f64>(&recording, simulated_config(&recording));
         let narrow = fly::<f32>(&recording, simulated_config(&recording));

@@ -161,13 +161,13 @@ impl<'a, T: Real> Pilot<'a, T> {
             observations.iter().map(|seen| Observation { track: seen.track, pixel: seen.pixel.map(T::of) }).collect();
         self.estimator.push_tracks(stamp, &observations)?;
         let window = self.estimator.window();
-        let predicted = window.frames.len().checked_sub(1).and_then(|newest| window.state_in_world(newest)).map(|state| in_f64(&state));
+        let predicted = window.frames.last().map(|frame| in_f64(&window.in_world(&frame.state)));
         let outcome = self.estimator.step(StepBudget::default());
         self.flown.outcomes.push((stamp, outcome));
         self.flown.health.push(self.estimator.health());
         if outcome == FrameOutcome::Initialised {
             let window = self.estimator.window();
-            self.flown.origin = window.frames.first().zip(window.state_in_world(0)).map(|(frame, state)| (frame.stamp, in_f64(&state)));
+            self.flown.origin = window.frames.first().map(|frame| (frame.stamp, in_f64(&window.in_world(&frame.state))));
         }
         if let (Some(estimate), Some(predicted)) = (self.estimator.state(), predicted) {
             self.flown.states.push(Knowledge {

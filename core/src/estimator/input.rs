@@ -12,7 +12,7 @@ use crate::track::Observation;
 use crate::window::{CommonFlow, Frame, NormalizedPoint};
 
 /// A corner that moved by this many times what ends stillness moved by itself.
-pub(super) const STRAY: f64 = 8.0;
+const STRAY: f64 = 8.0;
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>
     Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES>
@@ -82,8 +82,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
 
     fn close_frame(&mut self) {
         let newest = self.window.frames.len() - 1;
-        let limit = self.config.rest_motion_px / self.camera.focal_px();
-        self.stillness.update(&self.image_motion, self.window.frames[newest].stamp, limit);
+        self.stillness.update(&self.image_motion, self.window.frames[newest].stamp, self.rest_motion());
         self.window.landmarks.retain(|landmark| landmark.active || landmark.is_seen_in(newest));
         self.pending = true;
     }
@@ -112,10 +111,20 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
                 Frame::new(stamp, state, Preintegration::new(state.bias))
             }
         };
-        self.image_motion = CommonFlow::within(self.config.rest_motion_px / self.camera.focal_px() * T::of(STRAY));
+        self.image_motion = self.no_flow();
         // There is room: made above.
         let _ = self.window.frames.push(frame);
         Ok(())
+    }
+
+    /// The common displacement that ends stillness, on the plane `z = 1`.
+    fn rest_motion(&self) -> T {
+        self.config.rest_motion_px / self.camera.focal_px()
+    }
+
+    /// Sums for how an image as a whole moves, corners that move by themselves left out.
+    pub(super) fn no_flow(&self) -> CommonFlow<T> {
+        CommonFlow::within(self.rest_motion() * T::of(STRAY))
     }
 
     /// A raw pixel on the plane `z = 1`, with its standard deviation there.

@@ -126,7 +126,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             return None;
         }
         let newest = self.window.frames.last()?;
-        let state = self.window.state_in_world(self.window.frames.len() - 1)?;
+        let state = self.window.in_world(&newest.state);
         Some(StateEstimate { stamp: newest.stamp, state, pose_covariance: self.pose_covariance })
     }
 

@@ -5,7 +5,6 @@
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-use super::input::STRAY;
 use super::{Estimator, FrameOutcome, Health, StepBudget, Waiting};
 use crate::camera::Camera;
 use crate::imu::{NavState, Preintegration};
@@ -13,7 +12,6 @@ use crate::init::{InertialLink, InitConfig, InitError, MAX_INIT_FRAMES, RestConf
 use crate::real::Real;
 use crate::solve::add_initial;
 use crate::time::Timestamp;
-use crate::window::CommonFlow;
 
 /// Iterations of the first solution at least: it starts farther away than any later one.
 const FIRST_ITERATIONS: u8 = 12;
@@ -99,7 +97,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     fn displacement_since(&self, newest: Timestamp, span_s: T) -> Option<(usize, T)> {
         let last = self.window.frames.len().checked_sub(1)?;
         let first = self.window.frames.iter().rposition(|frame| (newest - frame.stamp).as_seconds::<T>() >= span_s)?;
-        let mut flow = CommonFlow::within(self.config.rest_motion_px / self.camera.focal_px() * T::of(STRAY));
+        let mut flow = self.no_flow();
         for landmark in &self.window.landmarks {
             if let (Some(before), Some(after)) = (landmark.point(first), landmark.point(last)) {
                 flow.add(before, after);

@@ -157,8 +157,9 @@ fn fold_landmarks<'a, T: Real, const FRAMES: usize, const PAIRS: usize>(
         let direction = landmark.direction();
         let row = rows.row_mut(gathered);
         row.fill(T::ZERO);
-        row[columns] = settings.prior_on(landmark).residual(landmark.inverse_depth);
-        row[own + 2] = settings.prior_on(landmark).inverse_sigma;
+        let prior = settings.prior_on(landmark);
+        row[columns] = prior.residual(landmark.inverse_depth);
+        row[own + 2] = prior.inverse_sigma;
         let mut count = 1;
         for (frame, point) in landmark.seen().filter(|(frame, _)| *frame < involved) {
             if frame == 0 {

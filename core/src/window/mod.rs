@@ -63,12 +63,10 @@ impl<T: Real, const FRAMES: usize, const POINTS: usize> Window<T, FRAMES, POINTS
         }
     }
 
-    /// The state of frame `index`, its position counted from the origin of the world.
+    /// The state of one of the frames, its position counted from the origin of the world.
     #[must_use]
-    pub fn state_in_world(&self, index: usize) -> Option<NavState<T>> {
-        let mut state = self.frames.get(index)?.state;
-        state.position_in_world += self.origin_in_world;
-        Some(state)
+    pub fn in_world(&self, state: &NavState<T>) -> NavState<T> {
+        NavState { position_in_world: state.position_in_world + self.origin_in_world, ..*state }
     }
 
     /// Notes that the newest frame sees `track` at `point`, and returns where the frame before saw it. A new landmark is

@@ -24,7 +24,7 @@ pub enum Waiting {
     Excitation,
     /// Measured specific force is far from gravity: wrong units, wrong axes, or violent motion.
     Gravity,
-    /// Vision and inertial samples contradict each other: wrong extrinsics, or wrong time stamps.
+    /// Vision and inertial samples contradict each other: wrong extrinsics, wrong time stamps, or a `sigma_px` far too small.
     Agreement,
 }
 

@@ -122,7 +122,7 @@ pub(super) fn word(health: Health) -> &'static str {
             Waiting::Parallax => "initialising: waits for motion",
             Waiting::Excitation => "initialising: waits for acceleration",
             Waiting::Gravity => "initialising: specific force is far from gravity, check units and axes",
-            Waiting::Agreement => "initialising: vision and inertial samples contradict each other, check T_BS and time stamps",
+            Waiting::Agreement => "initialising: vision and inertial samples contradict each other, check T_BS, time stamps and sigma_px",
             _ => "initialising",
         },
         Health::Tracking => "tracking",

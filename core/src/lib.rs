@@ -6,6 +6,7 @@
 extern crate std;
 
 pub mod camera; // pixels <-> bearings
+pub mod depth; // what a network says of distances
 pub mod estimator; // the one place that knows the order of events
 pub mod factor; // residuals and their Jacobians
 pub mod image; // borrowed pixels -> pyramid

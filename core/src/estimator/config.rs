@@ -1,5 +1,6 @@
 //! Every number that may be tuned, with its unit and default.
 
+use crate::depth::{ScaleTracker, Weighting};
 use crate::imu::ImuNoise;
 use crate::real::Real;
 
@@ -55,8 +56,27 @@ pub struct EstimatorConfig<T: Real> {
     pub initialisation_spacing_s: T,
     /// Largest relative standard deviation of the scale that the moving start accepts.
     pub initialisation_scale_sigma: T,
+    /// How depth that someone else tells is used.
+    pub depth: DepthConfig<T>,
     /// Standard deviations of the first state: tilt (rad), velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s²).
     pub first_sigma: FirstSigma<T>,
+}
+
+/// How depth that someone else tells is used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthConfig<T: Real> {
+    /// How much a depth counts beside the corners.
+    pub weighting: Weighting<T>,
+    /// Standard deviation of the logarithm of the source's factor before anything is known of it.
+    pub scale_sigma: T,
+    /// How far that logarithm walks in a second.
+    pub scale_walk_per_root_s: T,
+    /// To what one image tells it.
+    pub image_scale_sigma: T,
+    /// A depth farther from what the corners say than this many standard deviations is given up.
+    pub gate_sigma: T,
+    /// Shortest stretch of motion for a start with depths, s.
+    pub shortest_start_s: T,
 }
 
 /// Uncertainty of the first state.
@@ -70,6 +90,27 @@ pub struct FirstSigma<T> {
     pub gyro_bias_rad_s: T,
     /// Bias of the specific force, m/s².
     pub accel_bias_m_s2: T,
+}
+
+impl<T: Real> Default for DepthConfig<T> {
+    fn default() -> Self {
+        Self {
+            weighting: Weighting::Calibrated { inflation: T::of(8.0) },
+            scale_sigma: T::of(0.2),
+            scale_walk_per_root_s: T::of(0.005),
+            image_scale_sigma: T::of(0.1),
+            gate_sigma: T::of(3.0),
+            shortest_start_s: T::of(0.2),
+        }
+    }
+}
+
+impl<T: Real> DepthConfig<T> {
+    /// A source of which nothing has been seen yet.
+    #[must_use]
+    pub fn tracker(&self) -> ScaleTracker<T> {
+        ScaleTracker::new(self.scale_sigma, self.scale_walk_per_root_s, self.image_scale_sigma)
+    }
 }
 
 impl<T: Real> Default for EstimatorConfig<T> {
@@ -99,6 +140,7 @@ impl<T: Real> Default for EstimatorConfig<T> {
             longest_initialisation_s: T::of(4.0),
             initialisation_spacing_s: T::of(0.18),
             initialisation_scale_sigma: T::of(0.15),
+            depth: DepthConfig::default(),
             first_sigma: FirstSigma {
                 tilt_rad: T::of(0.1),
                 velocity_m_s: T::of(0.5),

@@ -1,6 +1,8 @@
 //! The one place that knows the order of events.
 
 mod config;
+mod depth;
+mod depth_start;
 mod inertial;
 mod input;
 mod outliers;
@@ -9,13 +11,14 @@ mod running;
 mod sliding;
 mod starting;
 
-pub use config::{EstimatorConfig, FirstSigma};
-pub use output::{FrameOutcome, Health, InputError, StateEstimate, StepBudget, StepReport, Waiting};
+pub use config::{DepthConfig, EstimatorConfig, FirstSigma};
+pub use output::{DepthReport, FrameOutcome, Health, InputError, StateEstimate, StepBudget, StepReport, Waiting};
 
 use nalgebra::{Isometry3, SMatrix, Vector3};
 
 use self::inertial::InertialHistory;
 use crate::camera::{Camera, CameraModel};
+use crate::depth::ScaleTracker;
 use crate::factor::prior::Prior;
 use crate::factor::reprojection::CameraMount;
 use crate::imu::ImuNoise;
@@ -62,6 +65,10 @@ pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POI
     front_end: FrontEnd<POINTS>,
     last_image: Option<Timestamp>,
     init_landmarks: [InitLandmark<T>; POINTS],
+    /// The factor on the depths that are given.
+    depth_scale: ScaleTracker<T>,
+    /// What the depth map of the pending frame did.
+    depth_report: Option<DepthReport<T>>,
 }
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>
@@ -100,6 +107,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             front_end: FrontEnd::new(front_end_config(&camera)),
             last_image: None,
             init_landmarks: [InitLandmark::default(); POINTS],
+            depth_scale: config.depth.tracker(),
+            depth_report: None,
         }
     }
 
@@ -109,7 +118,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             return FrameOutcome::NoFrame;
         }
         self.pending = false;
-        self.report = StepReport::default();
+        self.report = StepReport { depth: self.depth_report.take(), ..StepReport::default() };
         if let [.., before, newest] = self.window.frames.as_slice() {
             self.report.saturated = self.inertial.saturated(before.stamp, newest.stamp);
         }
@@ -152,6 +161,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     pub fn reset(&mut self) {
         self.window.clear();
         self.prior.clear();
+        self.depth_scale = self.config.depth.tracker();
         self.pending = false;
         self.blind_since = None;
         self.health = Health::Initialising(Waiting::Tracks);

@@ -4,6 +4,7 @@ use core::fmt;
 
 use nalgebra::SMatrix;
 
+use crate::depth::Verdict;
 use crate::imu::NavState;
 use crate::init::InitError;
 use crate::real::Real;
@@ -105,12 +106,27 @@ pub struct StepReport<T: Real> {
     pub saturated: usize,
     /// Why the moving start refused, where it did.
     pub init_error: Option<InitError<T>>,
+    /// What the depth map of this image did, where there was one.
+    pub depth: Option<DepthReport<T>>,
+}
+
+/// What one depth map did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthReport<T> {
+    /// Landmarks that the image sees and the map gives a depth.
+    pub given: usize,
+    /// Factor from the source's depths to metric ones.
+    pub scale: T,
+    /// Standard deviation of the logarithm of [`Self::scale`].
+    pub sigma_log_scale: T,
+    /// Whether the map agreed with what motion tells; one that does not is left out.
+    pub verdict: Verdict,
 }
 
 impl<T: Real> Default for StepReport<T> {
     fn default() -> Self {
         let solver = SolveReport { initial_cost: T::ZERO, final_cost: T::ZERO, iterations: 0, accepted: 0 };
-        Self { solver, tracked: 0, outliers: 0, mean_cost: T::ZERO, marginalized: false, saturated: 0, init_error: None }
+        Self { solver, tracked: 0, outliers: 0, mean_cost: T::ZERO, marginalized: false, saturated: 0, init_error: None, depth: None }
     }
 }
 
@@ -136,6 +152,8 @@ pub enum InputError {
         /// Bytes per image that were lent.
         bytes: usize,
     },
+    /// No image of this time is in the window: a depth map comes with its image or soon after.
+    NoSuchImage(Timestamp),
     /// More samples between two images than there is room for.
     Full,
 }
@@ -150,6 +168,7 @@ impl fmt::Display for InputError {
             }
             Self::MissingImu(stamp) => write!(f, "inertial samples do not reach the image at {stamp}: push samples past it first"),
             Self::PyramidTooSmall { bytes } => write!(f, "pyramid memory of {bytes} bytes an image is too small for this image"),
+            Self::NoSuchImage(stamp) => write!(f, "no image of {stamp} is in the window: push a depth map with its image or soon after"),
             Self::Full => write!(f, "no room for more inertial samples before the next image"),
         }
     }

@@ -6,7 +6,7 @@ use super::{Estimator, FrameOutcome, Health, StepBudget};
 use crate::imu::ImuBias;
 use crate::real::Real;
 use crate::solve::optimize;
-use crate::window::Frame;
+use crate::window::{DepthKnowledge, DepthSource, Frame};
 
 /// A bias farther from zero than this many of its first standard deviations is no bias, but a contradiction between camera and
 /// inertial samples.
@@ -71,16 +71,27 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.workspace.geometry.update(&self.window.frames, &self.settings);
         let poses = &self.workspace.geometry.camera_poses;
         let prior = &self.settings.depth_prior;
-        for landmark in self.window.landmarks.iter_mut().filter(|landmark| landmark.active && landmark.guessed) {
-            landmark.guessed = !landmark.is_told(poses, prior);
+        for landmark in self.window.landmarks.iter_mut().filter(|landmark| landmark.active && landmark.depth_source == DepthSource::Guessed)
+        {
+            if landmark.is_told(poses, prior) {
+                landmark.depth_source = DepthSource::Usual;
+            }
         }
         for landmark in self.window.landmarks.iter_mut().filter(|landmark| !landmark.active && landmark.observations() > 2) {
+            if landmark.depth_source == DepthSource::Given {
+                landmark.inverse_depth = landmark.given.inverse_depth;
+                landmark.active = true;
+                if poses_are_known {
+                    let _ = landmark.refine(poses, &DepthKnowledge::Given(landmark.given));
+                }
+                continue;
+            }
             landmark.inverse_depth = prior.mean;
-            landmark.guessed = !poses_are_known;
+            landmark.depth_source = if poses_are_known { DepthSource::Usual } else { DepthSource::Guessed };
             if poses_are_known {
                 let found = landmark.triangulate(poses).filter(|found| *found > T::ZERO && *found < T::of(2.0));
                 landmark.inverse_depth = found.unwrap_or(prior.mean);
-                let information = landmark.refine(poses, prior);
+                let information = landmark.refine(poses, &DepthKnowledge::Usual(*prior));
                 landmark.active = information.is_some_and(|information| prior.is_surpassed_by(information));
             } else {
                 landmark.active = true;

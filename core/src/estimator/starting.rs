@@ -27,7 +27,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         if self.start_at_rest() {
             return FrameOutcome::Initialised;
         }
-        match self.start_moving(budget) {
+        match self.start_with_depth(budget).or_else(|_| self.start_moving(budget)) {
             Ok(()) => FrameOutcome::Initialised,
             Err(waiting) => {
                 self.health = Health::Initialising(waiting);
@@ -162,6 +162,13 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         }
         for (frame, state) in self.window.frames.iter_mut().zip(&states) {
             frame.state = *state;
+        }
+        self.settle_start(budget)
+    }
+
+    /// Solves a window whose states were found roughly, and keeps it where everything agrees.
+    pub(super) fn settle_start(&mut self, budget: StepBudget) -> Result<(), Waiting> {
+        for frame in &mut self.window.frames {
             frame.keyframe = true;
         }
         for frame in self.window.frames.iter_mut().rev().take(super::sliding::RECENT) {
@@ -172,7 +179,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         }
         let sigma = self.config.first_sigma;
         let first = [sigma.tilt_rad, sigma.velocity_m_s, sigma.gyro_bias_rad_s, sigma.accel_bias_m_s2];
-        let mut origin = states[0];
+        let mut origin = self.window.frames[0].state;
         origin.bias.accel_m_s2 = Vector3::zeros();
         self.begin(&origin, first);
         for _ in 0..2 {

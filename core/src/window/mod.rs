@@ -1,15 +1,17 @@
 //! The sliding window: recent frames, keyframes, and the landmarks they see.
 
+mod depth;
 mod flow;
 mod frame;
 mod geometry;
 mod landmark;
 mod policy;
 
+pub use depth::{DepthKnowledge, DepthPrior, DepthSource, GivenDepth};
 pub use flow::{CommonFlow, Stillness};
 pub use frame::Frame;
 pub use geometry::CameraPose;
-pub use landmark::{DepthPrior, Landmark, NormalizedPoint};
+pub use landmark::{Landmark, NormalizedPoint};
 pub use policy::Covisibility;
 
 use heapless::Vec;

@@ -20,6 +20,15 @@ pub struct DepthSample<T> {
     pub uncertainty: T,
 }
 
+impl<T: Real> DepthSample<T> {
+    /// Whether all three are numbers, the depth and its sigma positive.
+    #[must_use]
+    pub fn is_usable(&self) -> bool {
+        let positive = |value: T| value > T::ZERO && value.is_usable();
+        positive(self.inverse_depth) && positive(self.sigma_log) && self.uncertainty.is_usable()
+    }
+}
+
 /// Inverse depths with their standard deviations, lent by the caller, row by row.
 ///
 /// Map pixel `(i, j)` is the raw, distorted pixel `(i, j) · step + origin` of the camera's image.

@@ -2,7 +2,7 @@
 
 use nalgebra::{Vector2, Vector3};
 
-use super::{DepthReport, Estimator, InputError};
+use super::{DepthReport, Estimator, Health, InputError};
 use crate::camera::Camera;
 use crate::depth::{DepthSample, DepthView, Verdict};
 use crate::real::Real;
@@ -24,7 +24,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.take_depths(stamp, |_, corner| map.sample(&camera.project(&Vector3::new(corner.x, corner.y, T::one()))?))
     }
 
-    /// The same for single corners, by the identity of their tracks.
+    /// The same for single corners, by the identity of their tracks; what is no positive number is unknown.
     ///
     /// # Errors
     /// When the window has no image of this time any more; nothing changes then.
@@ -36,6 +36,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         let Some(frame) = self.window.frames.iter().rposition(|frame| frame.stamp == stamp) else {
             return Err(InputError::NoSuchImage(stamp));
         };
+        let sample = |track: TrackId, corner: &Vector2<T>| sample(track, corner).filter(DepthSample::is_usable);
         self.workspace.geometry.update_camera_poses(&self.window.frames, &self.settings);
         let poses = &self.workspace.geometry.camera_poses[..self.window.frames.len()];
         let verdict = {
@@ -52,6 +53,11 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             }
             self.depth_scale.update(stamp, &mut log_ratios[..count], &mut log_depths[..count])
         };
+        // What is not known of the common factor is one error of all of them: shared out, so that together they do not claim to know it.
+        // A start has nothing else to go by.
+        let starting = matches!(self.health, Health::Initialising(_) | Health::Lost);
+        let sharing = if starting { T::ZERO } else { T::of(f64::from(self.window.seen_in(frame))) };
+        let common = self.depth_scale.sigma_log() * self.depth_scale.sigma_log() * sharing;
         let mut given = 0;
         if verdict == Verdict::NoDepth {
             // What the source said before deserves no more.
@@ -66,7 +72,10 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
                 let sample = self.depth_scale.apply(&sample);
                 let Some(sigma_log) = self.config.depth.weighting.sigma_log(&sample) else { continue };
                 let ray = Vector3::new(point.x, point.y, T::one());
-                let here = GivenDepth { inverse_depth: sample.inverse_depth, inverse_sigma_log: T::one() / sigma_log };
+                let here = GivenDepth {
+                    inverse_depth: sample.inverse_depth,
+                    inverse_sigma_log: T::one() / (sigma_log * sigma_log + common).root(),
+                };
                 if let Some(there) = in_anchor(landmark, frame, &ray, &here, poses) {
                     landmark.give(there);
                     given += 1;

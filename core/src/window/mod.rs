@@ -105,6 +105,13 @@ impl<T: Real, const FRAMES: usize, const POINTS: usize> Window<T, FRAMES, POINTS
         self.landmarks.retain(|landmark| landmark.observations() > 0);
     }
 
+    /// Number of landmarks that frame `index` sees.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation)] // no window holds as many
+    pub fn seen_in(&self, index: usize) -> u32 {
+        self.landmarks.iter().filter(|landmark| landmark.is_seen_in(index)).count() as u32
+    }
+
     /// Index of the newest keyframe before `before`.
     #[must_use]
     pub fn last_keyframe(&self, before: usize) -> Option<usize> {

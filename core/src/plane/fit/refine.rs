@@ -1,0 +1,160 @@
+//! The best hypothesis, fitted to all its inliers.
+
+// A comparison that NaN must fail is written as the negation of what must hold.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
+use nalgebra::{Matrix3, SymmetricEigen, UnitVector3, Vector3};
+
+use super::scan::{Level, Limits, Sum, Surface, Tilted, Upright, distances, moments, moments_from_above};
+use super::{Fit, Found, angle_rad};
+use crate::plane::geometry::Plane;
+use crate::plane::samples::{Candidates, View};
+use crate::real::Real;
+
+/// Fits after the first: the inliers change little after two.
+const ROUNDS: usize = 3;
+
+/// What a refinement may change.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Freedom {
+    Offset,
+    YawAndOffset,
+    All,
+}
+
+impl<T: Real> From<Level<T>> for Tilted<T> {
+    fn from(level: Level<T>) -> Self {
+        Self { normal: [T::ZERO, T::ZERO, T::one()], offset_m: level.offset_m }
+    }
+}
+
+impl<T: Real> From<Upright<T>> for Tilted<T> {
+    fn from(upright: Upright<T>) -> Self {
+        Self { normal: [upright.normal[0], upright.normal[1], T::ZERO], offset_m: upright.offset_m }
+    }
+}
+
+/// Weighted mean and scatter of some samples.
+struct Scatter<T: Real> {
+    mean: Vector3<T>,
+    covariance: Matrix3<T>,
+}
+
+impl<T: Real> Scatter<T> {
+    fn new(sum: &Sum<T, 10>, center: [T; 3]) -> Option<Self> {
+        let [x, y, z, xx, xy, xz, yy, yz, zz, _] = sum.rest;
+        if sum.weight <= T::ZERO {
+            return None;
+        }
+        let shift = Vector3::new(x, y, z) / sum.weight;
+        let about_center = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) / sum.weight;
+        Some(Self { mean: Vector3::from(center) + shift, covariance: about_center - shift * shift.transpose() })
+    }
+
+    /// The normal of the inliers' own plane: across the two major axes.
+    fn own_normal(&self) -> Option<Vector3<T>> {
+        let eigen = SymmetricEigen::try_new(self.covariance, T::default_epsilon(), 64)?;
+        let normal: Vector3<T> = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into();
+        normal.iter().all(|x| x.is_usable()).then_some(normal)
+    }
+
+    fn through_mean(&self, normal: Vector3<T>) -> Tilted<T> {
+        Tilted { normal: normal.into(), offset_m: -normal.dot(&self.mean) }
+    }
+
+    /// Standard deviations along the minor and the major axis within a plane, m.
+    fn extent(&self, plane: &Plane<T>) -> [T; 2] {
+        let (e1, e2) = plane.axes();
+        let (a, b, c) = (e1.dot(&(self.covariance * e1)), e1.dot(&(self.covariance * e2)), e2.dot(&(self.covariance * e2)));
+        let half = T::of(0.5);
+        let (middle, apart) = (half * (a + c), (half * (a - c) * half * (a - c) + b * b).root());
+        [middle - apart, middle + apart].map(|variance| if variance > T::ZERO { variance.root() } else { T::ZERO })
+    }
+}
+
+/// The plane of some freedom that fits the inliers of another best, and how good that other is: its score and its number of inliers.
+fn refitted<T: Real>(
+    view: &View<'_, T>,
+    limits: &Limits<T>,
+    of: Candidates,
+    surface: &Tilted<T>,
+    freedom: Freedom,
+    center: [T; 3],
+) -> (T, T, Option<Tilted<T>>) {
+    let half = T::of(0.5);
+    match freedom {
+        Freedom::Offset => {
+            let sum = distances(view, surface, limits, of);
+            let fitted = Tilted { normal: surface.normal, offset_m: surface.offset_m - sum.rest[0] / sum.weight };
+            (sum.score, sum.inliers, Some(fitted))
+        }
+        Freedom::YawAndOffset => {
+            let sum = moments_from_above(view, surface, limits, of, center);
+            let [x, y, xx, xy, yy] = sum.rest.map(|value| value / sum.weight);
+            // The major axis of what is seen from above; the normal is across it.
+            let (xx, xy, yy) = (xx - x * x, xy - x * y, yy - y * y);
+            let (sine, cosine) = (half * (xy + xy).arc_tangent(xx - yy)).sine_cosine();
+            let mean = [center[0] + x, center[1] + y];
+            let fitted = Tilted { normal: [-sine, cosine, T::ZERO], offset_m: sine * mean[0] - cosine * mean[1] };
+            (sum.score, sum.inliers, Some(fitted))
+        }
+        Freedom::All => {
+            let sum = moments(view, surface, limits, of, center);
+            let scatter = Scatter::new(&sum, center);
+            (sum.score, sum.inliers, scatter.and_then(|scatter| Some(scatter.through_mean(scatter.own_normal()?))))
+        }
+    }
+}
+
+/// Refines a plane on its inliers until these stay the same, [`ROUNDS`] times at most, as long as the score rises.
+pub(super) fn refine<T: Real>(
+    view: &View<'_, T>,
+    limits: &Limits<T>,
+    candidates: Candidates,
+    hypothesis: Tilted<T>,
+    freedom: Freedom,
+    draws: usize,
+) -> Option<Found<T>> {
+    // A point of the plane near the samples, so that squares stay small.
+    let point = view.point(view.range(candidates).start);
+    let normal = Vector3::from(hypothesis.normal);
+    let center: [T; 3] = (point - normal * hypothesis.distance_m(point.into())).into();
+    let mut surface = hypothesis;
+    let (mut score, mut inliers, mut next) = refitted(view, limits, candidates, &surface, freedom, center);
+    for _ in 0..ROUNDS {
+        let Some(fitted) = next else { break };
+        let (new_score, new_inliers, new_next) = refitted(view, limits, candidates, &fitted, freedom, center);
+        // Not a number, where there was no inlier to fit to, is no rise either.
+        if !(new_score >= score) {
+            break;
+        }
+        let is_settled = new_inliers == inliers;
+        (surface, score, inliers, next) = (fitted, new_score, new_inliers, new_next);
+        if is_settled {
+            break;
+        }
+    }
+    let sum = moments(view, &surface, limits, candidates, center);
+    let scatter = Scatter::new(&sum, center)?;
+    let own = scatter.through_mean(scatter.own_normal()?);
+    let world_from_level = view.level_from_world.transpose();
+    let normal = Vector3::from(surface.normal);
+    let plane = Plane { normal_in_world: UnitVector3::new_normalize(world_from_level * normal), offset_m: surface.offset_m }.canonical();
+    let level_plane = Plane { normal_in_world: UnitVector3::new_unchecked(normal), offset_m: surface.offset_m };
+    let off = surface.distance_m(scatter.mean.into());
+    let variance = normal.dot(&(scatter.covariance * normal)) + off * off;
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let inliers = sum.inliers.as_f64() as usize;
+    let fit = Fit {
+        plane,
+        inliers,
+        weight: sum.weight,
+        score: sum.score,
+        mean_in_world: world_from_level * scatter.mean,
+        spread_m: if variance > T::ZERO { variance.root() } else { T::ZERO },
+        extent_m: scatter.extent(&level_plane).map(|sigma| sigma * T::of(12.0).root()),
+        tilt_rad: angle_rad(&own, &surface),
+        draws,
+    };
+    Some(Found { surface, candidates, fit, own, has_normals: sum.rest[9] * T::of(2.0) >= sum.weight })
+}

@@ -1,0 +1,324 @@
+//! Sums over samples that lie on a surface, several samples at a time.
+//!
+//! Every sum has one accumulator per lane, so that the compiler may use vector instructions without reordering any addition; the result
+//! depends on the order of the samples alone. A sample that is off the surface adds zero: no branches.
+
+use core::ops::Range;
+
+use crate::plane::samples::{Candidates, Run, View};
+use crate::real::Real;
+use crate::robust::ransac::Agreement;
+
+/// Samples at a time, where one sum is wanted and where many are.
+const LANES: usize = 16;
+const FEW_LANES: usize = 4;
+/// Samples between two looks at whether the best can still be beaten.
+const BLOCK: usize = 512;
+
+/// A surface without thickness, in the level frame.
+pub(in crate::plane) trait Surface<T: Real>: Copy {
+    /// What may lie on it.
+    const CANDIDATES: Candidates;
+    /// The signed distance of a point, m.
+    fn distance_m(&self, point: [T; 3]) -> T;
+    /// The cosine of the angle to a normal, of either sign.
+    fn cosine(&self, normal: [T; 3]) -> T;
+}
+
+/// `z + d = 0`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Level<T> {
+    pub offset_m: T,
+}
+
+/// `n_x x + n_y y + d = 0`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Upright<T> {
+    pub normal: [T; 2],
+    pub offset_m: T,
+}
+
+/// `nᵀx + d = 0`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::plane) struct Tilted<T> {
+    pub normal: [T; 3],
+    pub offset_m: T,
+}
+
+impl<T: Real> Surface<T> for Level<T> {
+    const CANDIDATES: Candidates = Candidates::ForHorizontal;
+    #[inline(always)]
+    fn distance_m(&self, [_, _, z]: [T; 3]) -> T {
+        z + self.offset_m
+    }
+    #[inline(always)]
+    fn cosine(&self, [_, _, z]: [T; 3]) -> T {
+        z
+    }
+}
+
+impl<T: Real> Surface<T> for Upright<T> {
+    const CANDIDATES: Candidates = Candidates::ForVertical;
+    #[inline(always)]
+    fn distance_m(&self, [x, y, _]: [T; 3]) -> T {
+        self.normal[0] * x + self.normal[1] * y + self.offset_m
+    }
+    #[inline(always)]
+    fn cosine(&self, [x, y, _]: [T; 3]) -> T {
+        self.normal[0] * x + self.normal[1] * y
+    }
+}
+
+impl<T: Real> Surface<T> for Tilted<T> {
+    const CANDIDATES: Candidates = Candidates::ForAny;
+    #[inline(always)]
+    fn distance_m(&self, [x, y, z]: [T; 3]) -> T {
+        (self.normal[0] * x + self.normal[1] * y) + (self.normal[2] * z + self.offset_m)
+    }
+    #[inline(always)]
+    fn cosine(&self, [x, y, z]: [T; 3]) -> T {
+        self.normal[0] * x + self.normal[1] * y + self.normal[2] * z
+    }
+}
+
+/// How far from a surface a sample may be, and how far its normal may be turned.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::plane) struct Limits<T> {
+    pub squared_distance: T,
+    pub squared_cosine: T,
+}
+
+impl<T: Real> Limits<T> {
+    pub fn new(view: &View<'_, T>, theta_m: T) -> Self {
+        Self { squared_distance: theta_m * theta_m, squared_cosine: view.cosine_tolerance * view.cosine_tolerance }
+    }
+
+    /// Whether a sample, with its normal or zeros, lies on a surface.
+    #[inline(always)]
+    pub fn admit<S: Surface<T>>(&self, surface: &S, [x, y, z, n_x, n_y, n_z]: [T; 6]) -> bool {
+        let distance = surface.distance_m([x, y, z]);
+        let cosine = surface.cosine([n_x, n_y, n_z]);
+        let is_unknown = n_x == T::ZERO && n_y == T::ZERO && n_z == T::ZERO;
+        distance * distance < self.squared_distance && (is_unknown || cosine * cosine >= self.squared_cosine)
+    }
+}
+
+/// `Σ term(sample)` over one run, for `S` terms at once.
+#[inline(always)]
+fn sum<T: Real, const L: usize, const C: usize, const S: usize>(
+    columns: [&[T]; C],
+    range: Range<usize>,
+    term: impl Fn([T; C]) -> [T; S],
+) -> [T; S] {
+    let columns = columns.map(|column| &column[range.clone()]);
+    let chunks = range.len() / L;
+    let mut sums = [[T::ZERO; L]; S];
+    let whole = columns.map(|column| &column.as_chunks::<L>().0[..chunks]);
+    for k in 0..chunks {
+        let rows: [&[T; L]; C] = core::array::from_fn(|c| &whole[c][k]);
+        for lane in 0..L {
+            let terms = term(core::array::from_fn(|c| rows[c][lane]));
+            for s in 0..S {
+                sums[s][lane] += terms[s];
+            }
+        }
+    }
+    let mut total = sums.map(|lanes| lanes.iter().fold(T::ZERO, |sum, value| sum + *value));
+    for place in chunks * L..range.len() {
+        let terms = term(core::array::from_fn(|c| columns[c][place]));
+        for s in 0..S {
+            total[s] += terms[s];
+        }
+    }
+    total
+}
+
+/// The truncated cost `Σ max(0, θ² − d²)` of a run, m²; the weight is not in it.
+// Out of line, once for each surface: a loop of its own is what the compiler makes vector instructions of.
+#[inline(never)]
+fn cost<T: Real, S: Surface<T>>(view: &View<'_, T>, surface: &S, limits: &Limits<T>, range: Range<usize>, checks_normals: bool) -> T {
+    let limits = *limits;
+    let surface = *surface;
+    let room = move |point: [T; 3]| {
+        let distance = surface.distance_m(point);
+        let room = limits.squared_distance - distance * distance;
+        if room > T::ZERO { room } else { T::ZERO }
+    };
+    let [x, y, z, n_x, n_y, n_z] = view.columns;
+    let [total] = if checks_normals {
+        sum::<T, LANES, 6, 1>([x, y, z, n_x, n_y, n_z], range, |[x, y, z, n_x, n_y, n_z]| {
+            let cosine = surface.cosine([n_x, n_y, n_z]);
+            let room = room([x, y, z]);
+            [if cosine * cosine >= limits.squared_cosine { room } else { T::ZERO }]
+        })
+    } else {
+        sum::<T, LANES, 3, 1>([x, y, z], range, |point| [room(point)])
+    };
+    total
+}
+
+/// How many samples of a run lie on a surface.
+#[inline(never)]
+fn count<T: Real, S: Surface<T>>(view: &View<'_, T>, surface: &S, limits: &Limits<T>, range: Range<usize>, checks_normals: bool) -> T {
+    let limits = *limits;
+    let surface = *surface;
+    let near = move |point: [T; 3]| {
+        let distance = surface.distance_m(point);
+        if distance * distance < limits.squared_distance { T::one() } else { T::ZERO }
+    };
+    let [x, y, z, n_x, n_y, n_z] = view.columns;
+    let [total] = if checks_normals {
+        sum::<T, LANES, 6, 1>([x, y, z, n_x, n_y, n_z], range, |[x, y, z, n_x, n_y, n_z]| {
+            let cosine = surface.cosine([n_x, n_y, n_z]);
+            let near = near([x, y, z]);
+            [if cosine * cosine >= limits.squared_cosine { near } else { T::ZERO }]
+        })
+    } else {
+        sum::<T, LANES, 3, 1>([x, y, z], range, |point| [near(point)])
+    };
+    total
+}
+
+/// How the candidates agree with a surface; `None` as soon as it is certain that `to_beat` is not exceeded: what has not been looked at
+/// adds its weight at most.
+#[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+pub(super) fn agreement<T: Real, S: Surface<T>>(view: &View<'_, T>, surface: &S, limits: &Limits<T>, to_beat: T) -> Option<Agreement<T>> {
+    let per_squared_distance = T::one() / limits.squared_distance;
+    let mut left = view.weight(S::CANDIDATES);
+    let mut score = T::ZERO;
+    for Run { range, weight, checks_normals } in view.runs(S::CANDIDATES) {
+        let mut start = range.start;
+        while start < range.end {
+            let end = (start + BLOCK).min(range.end);
+            score += weight * per_squared_distance * cost(view, surface, limits, start..end, checks_normals);
+            left -= weight * T::of((end - start) as f64);
+            if score + left <= to_beat {
+                return None;
+            }
+            start = end;
+        }
+    }
+    if score <= to_beat {
+        return None;
+    }
+    let mut agreement = Agreement { score, weight: T::ZERO, inliers: 0 };
+    for Run { range, weight, checks_normals } in view.runs(S::CANDIDATES) {
+        let inliers = count(view, surface, limits, range, checks_normals);
+        agreement.weight += weight * inliers;
+        agreement.inliers += inliers.as_f64() as usize; // exact below 2²⁴
+    }
+    Some(agreement)
+}
+
+/// What every sum over the samples on a surface begins with: their number, and the truncated cost in m².
+const HEAD: usize = 2;
+
+/// Sums over the candidates on a surface: of `term(x − c, m, distance)` for every sample with its normal `m` or zeros, weighted but for
+/// the number at the head.
+#[inline(always)]
+fn sum_over_inliers<T: Real, const L: usize, const S: usize>(
+    view: &View<'_, T>,
+    surface: &Tilted<T>,
+    limits: &Limits<T>,
+    of: Candidates,
+    term: impl Fn([T; 6], T) -> [T; S],
+) -> Sum<T, S> {
+    let (surface, limits) = (*surface, *limits);
+    let mut total = Sum { inliers: T::ZERO, weight: T::ZERO, score: T::ZERO, rest: [T::ZERO; S] };
+    for Run { range, weight, checks_normals } in view.runs(of) {
+        let least_squared_cosine = if checks_normals { limits.squared_cosine } else { T::ZERO };
+        let (head, rest) = masked::<T, L, S>(view, range, |sample| {
+            let [x, y, z, n_x, n_y, n_z] = sample;
+            let distance = surface.distance_m([x, y, z]);
+            let room = limits.squared_distance - distance * distance;
+            let cosine = surface.cosine([n_x, n_y, n_z]);
+            let is_on = (room > T::ZERO) & (cosine * cosine >= least_squared_cosine);
+            (if is_on { T::one() } else { T::ZERO }, room, term(sample, distance))
+        });
+        total.inliers += head[0];
+        total.weight += weight * head[0];
+        total.score += weight * head[1] / limits.squared_distance;
+        for (total, part) in total.rest.iter_mut().zip(rest) {
+            *total += weight * part;
+        }
+    }
+    total
+}
+
+/// Sums over a run of what a term gives, times its first value.
+#[inline(always)]
+fn masked<T: Real, const L: usize, const S: usize>(
+    view: &View<'_, T>,
+    range: Range<usize>,
+    term: impl Fn([T; 6]) -> (T, T, [T; S]),
+) -> ([T; HEAD], [T; S]) {
+    let columns = view.columns.map(|column| &column[range.clone()]);
+    let chunks = range.len() / L;
+    let (mut heads, mut sums) = ([[T::ZERO; L]; HEAD], [[T::ZERO; L]; S]);
+    let whole = columns.map(|column| &column.as_chunks::<L>().0[..chunks]);
+    for k in 0..chunks {
+        let rows: [&[T; L]; 6] = core::array::from_fn(|c| &whole[c][k]);
+        for lane in 0..L {
+            let (one, room, terms) = term(core::array::from_fn(|c| rows[c][lane]));
+            heads[0][lane] += one;
+            heads[1][lane] += one * room;
+            for s in 0..S {
+                sums[s][lane] += one * terms[s];
+            }
+        }
+    }
+    let across = |lanes: [T; L]| lanes.iter().fold(T::ZERO, |sum, value| sum + *value);
+    let (mut head, mut total) = (heads.map(across), sums.map(across));
+    for place in chunks * L..range.len() {
+        let (one, room, terms) = term(core::array::from_fn(|c| columns[c][place]));
+        head[0] += one;
+        head[1] += one * room;
+        for s in 0..S {
+            total[s] += one * terms[s];
+        }
+    }
+    (head, total)
+}
+
+/// Sums over the samples on a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sum<T, const S: usize> {
+    /// How many there are, exact below 2²⁴.
+    pub inliers: T,
+    pub weight: T,
+    /// The truncated cost `Σ w (1 − d²/θ²)`.
+    pub score: T,
+    /// The others, weighted.
+    pub rest: [T; S],
+}
+
+/// `Σ w d` of the distances.
+#[inline(never)]
+pub(super) fn distances<T: Real>(view: &View<'_, T>, surface: &Tilted<T>, limits: &Limits<T>, of: Candidates) -> Sum<T, 1> {
+    sum_over_inliers::<T, LANES, 1>(view, surface, limits, of, |_, distance| [distance])
+}
+
+/// `Σ w (x, y, xx, xy, yy)` about `center`: what is seen from above.
+#[inline(never)]
+pub(super) fn moments_from_above<T: Real>(
+    view: &View<'_, T>,
+    surface: &Tilted<T>,
+    limits: &Limits<T>,
+    of: Candidates,
+    center: [T; 3],
+) -> Sum<T, 5> {
+    sum_over_inliers::<T, FEW_LANES, 5>(view, surface, limits, of, |[x, y, ..], _| {
+        let (x, y) = (x - center[0], y - center[1]);
+        [x, y, x * x, x * y, y * y]
+    })
+}
+
+/// `Σ w (x, y, z, xx, xy, xz, yy, yz, zz)` about `center`, and the weight of what has a normal.
+#[inline(never)]
+pub(super) fn moments<T: Real>(view: &View<'_, T>, surface: &Tilted<T>, limits: &Limits<T>, of: Candidates, center: [T; 3]) -> Sum<T, 10> {
+    sum_over_inliers::<T, FEW_LANES, 10>(view, surface, limits, of, |[x, y, z, n_x, n_y, n_z], _| {
+        let (x, y, z) = (x - center[0], y - center[1], z - center[2]);
+        let has_normal = if n_x * n_x + n_y * n_y + n_z * n_z > T::ZERO { T::one() } else { T::ZERO };
+        [x, y, z, x * x, x * y, x * z, y * y, y * z, z * z, has_normal]
+    })
+}

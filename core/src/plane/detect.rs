@@ -66,11 +66,11 @@ impl<T: Real, const P: usize, const V: usize> Detections<T, P, V> {
         self.planes.clear();
         samples.release();
         samples.arrange();
-        let least_weight = samples.view().weight(Candidates::ForAny) * config.ransac.least_inlier_ratio;
+        let least_weight = samples.view().weight(Candidates::Any) * config.ransac.least_inlier_ratio;
         let mut main_wall = main_wall_normal_in_world.copied();
         for _ in 0..2 * P + 4 {
             samples.arrange();
-            if self.planes.is_full() || samples.view().weight(Candidates::ForAny) < least_weight {
+            if self.planes.is_full() || samples.view().weight(Candidates::Any) < least_weight {
                 break;
             }
             match best(samples, main_wall.as_ref(), config, least_weight, generator) {
@@ -112,7 +112,7 @@ impl<T: Real, const P: usize, const V: usize> Detections<T, P, V> {
             }
             is_on
         });
-        let orientation = if found.candidates == Candidates::ForHorizontal { Orientation::Horizontal } else { Orientation::Vertical };
+        let orientation = if found.candidates == Candidates::Horizontal { Orientation::Horizontal } else { Orientation::Vertical };
         Detection { fit: found.fit, orientation, polygon: hull.polygon() }
     }
 }

@@ -126,11 +126,11 @@ pub(super) struct Run<T> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Candidates {
     /// Normal up, or unknown.
-    ForHorizontal,
+    Horizontal,
     /// Normal level, or unknown.
-    ForVertical,
+    Vertical,
     /// All.
-    ForAny,
+    Any,
 }
 
 impl<T: Real, const N: usize> Samples<T, N> {
@@ -307,9 +307,9 @@ impl<T: Real, const N: usize> Samples<T, N> {
 impl Candidates {
     const fn groups(self) -> Range<usize> {
         match self {
-            Self::ForHorizontal => LEVEL..UPRIGHT,
-            Self::ForVertical => UNKNOWN..TILTED,
-            Self::ForAny => LEVEL..TAKEN as usize,
+            Self::Horizontal => LEVEL..UPRIGHT,
+            Self::Vertical => UNKNOWN..TILTED,
+            Self::Any => LEVEL..TAKEN as usize,
         }
     }
 
@@ -329,7 +329,7 @@ impl<T: Real> View<'_, T> {
         candidates.groups().map(move |group| Run {
             range: usize::from(self.starts[group])..usize::from(self.starts[group + 1]),
             weight: if group % 2 == OF_DEPTH { T::of(0.5) } else { T::one() },
-            checks_normals: candidates != Candidates::ForHorizontal && !(UNKNOWN..UPRIGHT).contains(&group),
+            checks_normals: candidates != Candidates::Horizontal && !(UNKNOWN..UPRIGHT).contains(&group),
         })
     }
 

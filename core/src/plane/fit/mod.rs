@@ -45,7 +45,7 @@ use nalgebra::{UnitVector3, Vector3};
 use super::geometry::{Plane, angle_between_lines};
 use super::samples::{Candidates, Samples, View};
 use crate::real::Real;
-use crate::robust::ransac::{Consensus, Generator, Ransac, SampleModel};
+use crate::robust::ransac::{Generator, Ransac, SampleModel};
 use models::{OnePoint, OnePointOnWall, ThreePoints, TwoPoints};
 use refine::Freedom;
 use scan::{Level, Limits, Surface, Tilted, Upright};
@@ -207,7 +207,7 @@ pub fn free<T: Real, const N: usize>(
     let limits = Limits::new(&view, config.theta_m);
     let items = ThreePoints { view, limits, least_separation_m: config.least_separation_m };
     let found = run(&items, config, least_weight, generator)
-        .and_then(|(consensus, surface)| refine::refine(&view, &limits, Candidates::ForAny, surface, Freedom::All, consensus.draws));
+        .and_then(|(surface, draws)| refine::refine(&view, &limits, Candidates::Any, surface, Freedom::All, draws));
     finish(config, found)
 }
 
@@ -270,7 +270,7 @@ impl<T: Real> Found<T> {
 /// What a plane must weigh: the least share of all samples that are still candidates for anything.
 fn least_weight<T: Real, const N: usize>(samples: &mut Samples<T, N>, config: &FitConfig<T>) -> T {
     samples.arrange();
-    samples.view().weight(Candidates::ForAny) * config.ransac.least_inlier_ratio
+    samples.view().weight(Candidates::Any) * config.ransac.least_inlier_ratio
 }
 
 fn finish<T: Real>(config: &FitConfig<T>, found: Option<Found<T>>) -> Result<Fit<T>, FitError<T>> {
@@ -287,8 +287,8 @@ pub(super) fn search_horizontal<T: Real, const N: usize>(
     samples.arrange();
     let view = samples.view();
     let limits = Limits::new(&view, config.theta_m);
-    let (consensus, surface) = run(&OnePoint { view, limits }, config, least_weight, generator)?;
-    refine::refine(&view, &limits, Level::<T>::CANDIDATES, surface, Freedom::Offset, consensus.draws)
+    let (surface, draws) = run(&OnePoint { view, limits }, config, least_weight, generator)?;
+    refine::refine(&view, &limits, Level::<T>::CANDIDATES, surface, Freedom::Offset, draws)
 }
 
 pub(super) fn search_vertical<T: Real, const N: usize>(
@@ -301,8 +301,8 @@ pub(super) fn search_vertical<T: Real, const N: usize>(
     let view = samples.view();
     let limits = Limits::new(&view, config.theta_m);
     let items = TwoPoints { view, limits, least_separation_m: config.least_separation_m };
-    let (consensus, surface) = run(&items, config, least_weight, generator)?;
-    refine::refine(&view, &limits, Upright::<T>::CANDIDATES, surface, Freedom::YawAndOffset, consensus.draws)
+    let (surface, draws) = run(&items, config, least_weight, generator)?;
+    refine::refine(&view, &limits, Upright::<T>::CANDIDATES, surface, Freedom::YawAndOffset, draws)
 }
 
 pub(super) fn search_on_wall<T: Real, const N: usize>(
@@ -323,9 +323,12 @@ pub(super) fn search_on_wall<T: Real, const N: usize>(
     let (x, y) = (normal.x / length, normal.y / length);
     let limits = Limits::new(&view, config.theta_m);
     let items = OnePointOnWall { view, limits, normal: if is_across { [-y, x] } else { [x, y] } };
-    let (consensus, surface) = run(&items, config, least_weight, generator)?;
-    refine::refine(&view, &limits, Upright::<T>::CANDIDATES, surface, Freedom::Offset, consensus.draws)
+    let (surface, draws) = run(&items, config, least_weight, generator)?;
+    refine::refine(&view, &limits, Upright::<T>::CANDIDATES, surface, Freedom::Offset, draws)
 }
+
+/// The best hypothesis, and how many draws it took.
+type Best<T> = (Tilted<T>, usize);
 
 /// The driver, with the least weight as a share of what the candidates weigh.
 fn run<T: Real, P: SampleModel<T, K>, const K: usize>(
@@ -333,16 +336,16 @@ fn run<T: Real, P: SampleModel<T, K>, const K: usize>(
     config: &FitConfig<T>,
     least_weight: T,
     generator: &mut Generator,
-) -> Option<(Consensus<T, P::Model>, Tilted<T>)>
+) -> Option<Best<T>>
 where
-    P::Model: Into<Tilted<T>> + Copy,
+    P::Model: Into<Tilted<T>>,
 {
     let share = least_weight / items.total_weight();
     if !(share <= T::one()) {
         return None;
     }
     let consensus = Ransac { least_inlier_ratio: share, ..config.ransac }.run(items, generator)?;
-    Some((consensus, consensus.model.into()))
+    Some((consensus.model.into(), consensus.draws))
 }
 
 /// How far a plane of the level frame is off another, rad.

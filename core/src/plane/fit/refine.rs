@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix3, SymmetricEigen, UnitVector3, Vector3};
 
-use super::scan::{Level, Limits, Sum, Surface, Tilted, Upright, distances, moments, moments_from_above};
+use super::scan::{Level, Limits, Sums, Surface, Tilted, Upright, distances, moments, moments_from_above};
 use super::{Fit, Found, angle_rad};
 use crate::plane::geometry::Plane;
 use crate::plane::samples::{Candidates, View};
@@ -41,13 +41,13 @@ struct Scatter<T: Real> {
 }
 
 impl<T: Real> Scatter<T> {
-    fn new(sum: &Sum<T, 10>, center: [T; 3]) -> Option<Self> {
-        let [x, y, z, xx, xy, xz, yy, yz, zz, _] = sum.rest;
-        if sum.weight <= T::ZERO {
+    fn new(sums: &Sums<T, 12>, center: [T; 3]) -> Option<Self> {
+        let [weight, _, x, y, z, xx, xy, xz, yy, yz, zz, _] = sums.values;
+        if !(weight > T::ZERO) {
             return None;
         }
-        let shift = Vector3::new(x, y, z) / sum.weight;
-        let about_center = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) / sum.weight;
+        let shift = Vector3::new(x, y, z) / weight;
+        let about_center = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) / weight;
         Some(Self { mean: Vector3::from(center) + shift, covariance: about_center - shift * shift.transpose() })
     }
 
@@ -72,7 +72,7 @@ impl<T: Real> Scatter<T> {
     }
 }
 
-/// The plane of some freedom that fits the inliers of another best, and how good that other is: its score and its number of inliers.
+/// The plane of some freedom that fits the inliers of another best, and how good that other is: its truncated cost, m², and its inliers.
 fn refitted<T: Real>(
     view: &View<'_, T>,
     limits: &Limits<T>,
@@ -84,24 +84,23 @@ fn refitted<T: Real>(
     let half = T::of(0.5);
     match freedom {
         Freedom::Offset => {
-            let sum = distances(view, surface, limits, of);
-            let fitted = Tilted { normal: surface.normal, offset_m: surface.offset_m - sum.rest[0] / sum.weight };
-            (sum.score, sum.inliers, Some(fitted))
+            let Sums { inliers, values: [weight, cost, distance] } = distances(view, surface, limits, of);
+            (cost, inliers, Some(Tilted { normal: surface.normal, offset_m: surface.offset_m - distance / weight }))
         }
         Freedom::YawAndOffset => {
-            let sum = moments_from_above(view, surface, limits, of, center);
-            let [x, y, xx, xy, yy] = sum.rest.map(|value| value / sum.weight);
+            let Sums { inliers, values } = moments_from_above(view, surface, limits, of, center);
+            let [_, _, x, y, xx, xy, yy] = values.map(|value| value / values[0]);
             // The major axis of what is seen from above; the normal is across it.
             let (xx, xy, yy) = (xx - x * x, xy - x * y, yy - y * y);
             let (sine, cosine) = (half * (xy + xy).arc_tangent(xx - yy)).sine_cosine();
             let mean = [center[0] + x, center[1] + y];
             let fitted = Tilted { normal: [-sine, cosine, T::ZERO], offset_m: sine * mean[0] - cosine * mean[1] };
-            (sum.score, sum.inliers, Some(fitted))
+            (values[1], inliers, Some(fitted))
         }
         Freedom::All => {
-            let sum = moments(view, surface, limits, of, center);
-            let scatter = Scatter::new(&sum, center);
-            (sum.score, sum.inliers, scatter.and_then(|scatter| Some(scatter.through_mean(scatter.own_normal()?))))
+            let sums = moments(view, surface, limits, of, center);
+            let scatter = Scatter::new(&sums, center);
+            (sums.values[1], sums.inliers, scatter.and_then(|scatter| Some(scatter.through_mean(scatter.own_normal()?))))
         }
     }
 }
@@ -134,8 +133,8 @@ pub(super) fn refine<T: Real>(
             break;
         }
     }
-    let sum = moments(view, &surface, limits, candidates, center);
-    let scatter = Scatter::new(&sum, center)?;
+    let sums = moments(view, &surface, limits, candidates, center);
+    let scatter = Scatter::new(&sums, center)?;
     let own = scatter.through_mean(scatter.own_normal()?);
     let world_from_level = view.level_from_world.transpose();
     let normal = Vector3::from(surface.normal);
@@ -144,17 +143,18 @@ pub(super) fn refine<T: Real>(
     let off = surface.distance_m(scatter.mean.into());
     let variance = normal.dot(&(scatter.covariance * normal)) + off * off;
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let inliers = sum.inliers.as_f64() as usize;
+    let inliers = sums.inliers.as_f64() as usize;
+    let (weight, weight_with_normals) = (sums.values[0], sums.values[11]);
     let fit = Fit {
         plane,
         inliers,
-        weight: sum.weight,
-        score: sum.score,
+        weight,
+        score: sums.values[1] / limits.squared_distance,
         mean_in_world: world_from_level * scatter.mean,
         spread_m: if variance > T::ZERO { variance.root() } else { T::ZERO },
         extent_m: scatter.extent(&level_plane).map(|sigma| sigma * T::of(12.0).root()),
         tilt_rad: angle_rad(&own, &surface),
         draws,
     };
-    Some(Found { surface, candidates, fit, own, has_normals: sum.rest[9] * T::of(2.0) >= sum.weight })
+    Some(Found { surface, candidates, fit, own, has_normals: weight_with_normals * T::of(2.0) >= weight })
 }

@@ -46,7 +46,7 @@ pub(in crate::plane) struct Tilted<T> {
 }
 
 impl<T: Real> Surface<T> for Level<T> {
-    const CANDIDATES: Candidates = Candidates::ForHorizontal;
+    const CANDIDATES: Candidates = Candidates::Horizontal;
     #[inline(always)]
     fn distance_m(&self, [_, _, z]: [T; 3]) -> T {
         z + self.offset_m
@@ -58,7 +58,7 @@ impl<T: Real> Surface<T> for Level<T> {
 }
 
 impl<T: Real> Surface<T> for Upright<T> {
-    const CANDIDATES: Candidates = Candidates::ForVertical;
+    const CANDIDATES: Candidates = Candidates::Vertical;
     #[inline(always)]
     fn distance_m(&self, [x, y, _]: [T; 3]) -> T {
         self.normal[0] * x + self.normal[1] * y + self.offset_m
@@ -70,7 +70,7 @@ impl<T: Real> Surface<T> for Upright<T> {
 }
 
 impl<T: Real> Surface<T> for Tilted<T> {
-    const CANDIDATES: Candidates = Candidates::ForAny;
+    const CANDIDATES: Candidates = Candidates::Any;
     #[inline(always)]
     fn distance_m(&self, [x, y, z]: [T; 3]) -> T {
         (self.normal[0] * x + self.normal[1] * y) + (self.normal[2] * z + self.offset_m)
@@ -110,10 +110,12 @@ fn sum<T: Real, const L: usize, const C: usize, const S: usize>(
     range: Range<usize>,
     term: impl Fn([T; C]) -> [T; S],
 ) -> [T; S] {
-    let columns = columns.map(|column| &column[range.clone()]);
-    let chunks = range.len() / L;
+    let columns = columns.map(|column| column[range.clone()].as_chunks::<L>());
     let mut sums = [[T::ZERO; L]; S];
-    let whole = columns.map(|column| &column.as_chunks::<L>().0[..chunks]);
+    // Same number for all columns: said once more, so that no bound is checked within.
+    let chunks = range.len() / L;
+    let whole = columns.map(|(whole, _)| &whole[..chunks]);
+    #[allow(clippy::needless_range_loop)] // of several columns at once
     for k in 0..chunks {
         let rows: [&[T; L]; C] = core::array::from_fn(|c| &whole[c][k]);
         for lane in 0..L {
@@ -124,8 +126,8 @@ fn sum<T: Real, const L: usize, const C: usize, const S: usize>(
         }
     }
     let mut total = sums.map(|lanes| lanes.iter().fold(T::ZERO, |sum, value| sum + *value));
-    for place in chunks * L..range.len() {
-        let terms = term(core::array::from_fn(|c| columns[c][place]));
+    for place in 0..range.len() % L {
+        let terms = term(core::array::from_fn(|c| columns[c].1[place]));
         for s in 0..S {
             total[s] += terms[s];
         }
@@ -210,11 +212,15 @@ pub(super) fn agreement<T: Real, S: Surface<T>>(view: &View<'_, T>, surface: &S,
     Some(agreement)
 }
 
-/// What every sum over the samples on a surface begins with: their number, and the truncated cost in m².
-const HEAD: usize = 2;
+/// Sums over the candidates on a surface, weighted: what it weighs, its truncated cost in m², then others.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sums<T, const S: usize> {
+    /// How many there are, exact below 2²⁴.
+    pub inliers: T,
+    pub values: [T; S],
+}
 
-/// Sums over the candidates on a surface: of `term(x − c, m, distance)` for every sample with its normal `m` or zeros, weighted but for
-/// the number at the head.
+/// Sums of `one·term(sample, distance)`, where `one` is 1 for a sample on the surface and 0 otherwise; the term's first two are replaced.
 #[inline(always)]
 fn sum_over_inliers<T: Real, const L: usize, const S: usize>(
     view: &View<'_, T>,
@@ -222,83 +228,38 @@ fn sum_over_inliers<T: Real, const L: usize, const S: usize>(
     limits: &Limits<T>,
     of: Candidates,
     term: impl Fn([T; 6], T) -> [T; S],
-) -> Sum<T, S> {
+) -> Sums<T, S> {
     let (surface, limits) = (*surface, *limits);
-    let mut total = Sum { inliers: T::ZERO, weight: T::ZERO, score: T::ZERO, rest: [T::ZERO; S] };
+    let mut sums = Sums { inliers: T::ZERO, values: [T::ZERO; S] };
     for Run { range, weight, checks_normals } in view.runs(of) {
         let least_squared_cosine = if checks_normals { limits.squared_cosine } else { T::ZERO };
-        let (head, rest) = masked::<T, L, S>(view, range, |sample| {
+        let part = sum::<T, L, 6, S>(view.columns, range, |sample| {
             let [x, y, z, n_x, n_y, n_z] = sample;
             let distance = surface.distance_m([x, y, z]);
             let room = limits.squared_distance - distance * distance;
             let cosine = surface.cosine([n_x, n_y, n_z]);
             let is_on = (room > T::ZERO) & (cosine * cosine >= least_squared_cosine);
-            (if is_on { T::one() } else { T::ZERO }, room, term(sample, distance))
+            let one = if is_on { T::one() } else { T::ZERO };
+            let mut terms = term(sample, distance);
+            (terms[0], terms[1]) = (T::one(), room);
+            terms.map(|value| one * value)
         });
-        total.inliers += head[0];
-        total.weight += weight * head[0];
-        total.score += weight * head[1] / limits.squared_distance;
-        for (total, part) in total.rest.iter_mut().zip(rest) {
-            *total += weight * part;
+        sums.inliers += part[0];
+        for (total, value) in sums.values.iter_mut().zip(part) {
+            *total += weight * value;
         }
     }
-    total
+    sums
 }
 
-/// Sums over a run of what a term gives, times its first value.
-#[inline(always)]
-fn masked<T: Real, const L: usize, const S: usize>(
-    view: &View<'_, T>,
-    range: Range<usize>,
-    term: impl Fn([T; 6]) -> (T, T, [T; S]),
-) -> ([T; HEAD], [T; S]) {
-    let columns = view.columns.map(|column| &column[range.clone()]);
-    let chunks = range.len() / L;
-    let (mut heads, mut sums) = ([[T::ZERO; L]; HEAD], [[T::ZERO; L]; S]);
-    let whole = columns.map(|column| &column.as_chunks::<L>().0[..chunks]);
-    for k in 0..chunks {
-        let rows: [&[T; L]; 6] = core::array::from_fn(|c| &whole[c][k]);
-        for lane in 0..L {
-            let (one, room, terms) = term(core::array::from_fn(|c| rows[c][lane]));
-            heads[0][lane] += one;
-            heads[1][lane] += one * room;
-            for s in 0..S {
-                sums[s][lane] += one * terms[s];
-            }
-        }
-    }
-    let across = |lanes: [T; L]| lanes.iter().fold(T::ZERO, |sum, value| sum + *value);
-    let (mut head, mut total) = (heads.map(across), sums.map(across));
-    for place in chunks * L..range.len() {
-        let (one, room, terms) = term(core::array::from_fn(|c| columns[c][place]));
-        head[0] += one;
-        head[1] += one * room;
-        for s in 0..S {
-            total[s] += one * terms[s];
-        }
-    }
-    (head, total)
-}
-
-/// Sums over the samples on a surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Sum<T, const S: usize> {
-    /// How many there are, exact below 2²⁴.
-    pub inliers: T,
-    pub weight: T,
-    /// The truncated cost `Σ w (1 − d²/θ²)`.
-    pub score: T,
-    /// The others, weighted.
-    pub rest: [T; S],
-}
-
-/// `Σ w d` of the distances.
+/// `Σ w (1, θ² − d², d)`.
 #[inline(never)]
-pub(super) fn distances<T: Real>(view: &View<'_, T>, surface: &Tilted<T>, limits: &Limits<T>, of: Candidates) -> Sum<T, 1> {
-    sum_over_inliers::<T, LANES, 1>(view, surface, limits, of, |_, distance| [distance])
+pub(super) fn distances<T: Real>(view: &View<'_, T>, surface: &Tilted<T>, limits: &Limits<T>, of: Candidates) -> Sums<T, 3> {
+    let zero = T::ZERO;
+    sum_over_inliers::<T, LANES, 3>(view, surface, limits, of, |_, distance| [zero, zero, distance])
 }
 
-/// `Σ w (x, y, xx, xy, yy)` about `center`: what is seen from above.
+/// `Σ w (1, θ² − d², x, y, xx, xy, yy)` about `center`: what is seen from above.
 #[inline(never)]
 pub(super) fn moments_from_above<T: Real>(
     view: &View<'_, T>,
@@ -306,19 +267,21 @@ pub(super) fn moments_from_above<T: Real>(
     limits: &Limits<T>,
     of: Candidates,
     center: [T; 3],
-) -> Sum<T, 5> {
-    sum_over_inliers::<T, FEW_LANES, 5>(view, surface, limits, of, |[x, y, ..], _| {
+) -> Sums<T, 7> {
+    let zero = T::ZERO;
+    sum_over_inliers::<T, FEW_LANES, 7>(view, surface, limits, of, |[x, y, ..], _| {
         let (x, y) = (x - center[0], y - center[1]);
-        [x, y, x * x, x * y, y * y]
+        [zero, zero, x, y, x * x, x * y, y * y]
     })
 }
 
-/// `Σ w (x, y, z, xx, xy, xz, yy, yz, zz)` about `center`, and the weight of what has a normal.
+/// `Σ w (1, θ² − d², x, y, z, xx, xy, xz, yy, yz, zz)` about `center`, and of those that have a normal `Σ w`.
 #[inline(never)]
-pub(super) fn moments<T: Real>(view: &View<'_, T>, surface: &Tilted<T>, limits: &Limits<T>, of: Candidates, center: [T; 3]) -> Sum<T, 10> {
-    sum_over_inliers::<T, FEW_LANES, 10>(view, surface, limits, of, |[x, y, z, n_x, n_y, n_z], _| {
+pub(super) fn moments<T: Real>(view: &View<'_, T>, surface: &Tilted<T>, limits: &Limits<T>, of: Candidates, center: [T; 3]) -> Sums<T, 12> {
+    let zero = T::ZERO;
+    sum_over_inliers::<T, FEW_LANES, 12>(view, surface, limits, of, |[x, y, z, n_x, n_y, n_z], _| {
         let (x, y, z) = (x - center[0], y - center[1], z - center[2]);
-        let has_normal = if n_x * n_x + n_y * n_y + n_z * n_z > T::ZERO { T::one() } else { T::ZERO };
-        [x, y, z, x * x, x * y, x * z, y * y, y * z, z * z, has_normal]
+        let has_normal = if n_x * n_x + n_y * n_y + n_z * n_z > zero { T::one() } else { zero };
+        [zero, zero, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z, has_normal]
     })
 }

@@ -14,7 +14,7 @@
 
 use nalgebra::{UnitVector3, Vector3};
 
-use super::fit::{Fit, FitConfig, Found, search_horizontal, search_on_wall, search_vertical};
+use super::fit::{Fit, FitConfig, FitError, Found, search_horizontal, search_on_wall, search_vertical};
 use super::geometry::Orientation;
 use super::polygon::{Hull, Polygon};
 use super::samples::{Candidates, Samples};
@@ -84,7 +84,10 @@ impl<T: Real, const P: usize, const V: usize> Detections<T, P, V> {
                 }
                 (Some(found), false) => {
                     let limits = found.limits(&samples.view(), config);
-                    if samples.take(found.candidates, None, |row| limits.admit(&found.surface, row)) == 0 {
+                    // A slanted surface leaves as a whole, or the next slab through it would be judged by what is left.
+                    let slanted = matches!(found.judge(config), Err(FitError::Tilted(_))).then_some(found.own);
+                    let is_on = |row| limits.admit(&found.surface, row) || slanted.is_some_and(|own| limits.admit(&own, row));
+                    if samples.take(found.candidates, None, is_on) == 0 {
                         break;
                     }
                 }
@@ -97,7 +100,7 @@ impl<T: Real, const P: usize, const V: usize> Detections<T, P, V> {
     fn take<const N: usize>(&self, samples: &mut Samples<T, N>, found: &Found<T>, config: &FitConfig<T>) -> Detection<T, V> {
         let view = samples.view();
         let limits = found.limits(&view, config);
-        let own = found.grown(&view, config);
+        let own = found.own_if_tilted(config);
         let plane = found.fit.plane;
         let (e1, e2) = plane.axes();
         let (e1, e2) = (view.level_from_world * e1, view.level_from_world * e2);

@@ -119,7 +119,9 @@ pub(super) struct View<'a, T: Real> {
 pub(super) struct Run<T> {
     pub range: Range<usize>,
     pub weight: T,
+    /// Whether they have normals that may be wrong for the plane.
     pub checks_normals: bool,
+    pub has_normals: bool,
 }
 
 /// What a solver scans: groups in a row, of which those before `checked` are asked for no normal.
@@ -330,6 +332,7 @@ impl<T: Real> View<'_, T> {
             range: usize::from(self.starts[group])..usize::from(self.starts[group + 1]),
             weight: if group % 2 == OF_DEPTH { T::of(0.5) } else { T::one() },
             checks_normals: candidates != Candidates::Horizontal && !(UNKNOWN..UPRIGHT).contains(&group),
+            has_normals: !(UNKNOWN..UPRIGHT).contains(&group),
         })
     }
 

@@ -39,6 +39,8 @@
 mod models;
 mod refine;
 mod scan;
+#[cfg(test)]
+mod tests;
 
 use nalgebra::{UnitVector3, Vector3};
 
@@ -105,7 +107,7 @@ pub struct Fit<T: Real> {
     pub spread_m: T,
     /// Their width and length in the plane, m: `√12` of the standard deviations along the minor and the major axis.
     pub extent_m: [T; 2],
-    /// Angle between the plane and the inliers' own, fitted with all its freedom, rad.
+    /// Angle between the plane and the inliers' own, fitted with all its freedom and, where they differ, to its own inliers again, rad.
     pub tilt_rad: T,
     /// How many samples were drawn.
     pub draws: usize,
@@ -217,7 +219,7 @@ pub(super) struct Found<T: Real> {
     pub surface: Tilted<T>,
     pub candidates: Candidates,
     pub fit: Fit<T>,
-    /// The inliers' own plane, through their mean.
+    /// The inliers' own plane.
     pub own: Tilted<T>,
     /// Whether at least half of the inliers' weight has normals.
     has_normals: bool,
@@ -229,22 +231,9 @@ impl<T: Real> Found<T> {
         Limits::new(view, config.theta_m)
     }
 
-    /// The inliers' own plane fitted again to what lies on it, where its tilt makes a difference within their extent and beyond.
-    pub fn grown(&self, view: &View<'_, T>, config: &FitConfig<T>) -> Option<Tilted<T>> {
-        let half = T::of(0.5);
-        if self.fit.tilt_rad * self.fit.extent_m[1] < half * config.theta_m {
-            return None;
-        }
-        let limits = self.limits(view, config);
-        let mut own = self.own;
-        for _ in 0..2 {
-            let fitted = refine::refine(view, &limits, self.candidates, own, Freedom::All, 0)?;
-            if !(angle_rad(&fitted.surface, &self.surface) <= config.tilt_tolerance_rad) {
-                break;
-            }
-            own = fitted.surface;
-        }
-        Some(own)
+    /// The inliers' own plane, where its tilt makes a difference within their extent.
+    pub fn own_if_tilted(&self, config: &FitConfig<T>) -> Option<Tilted<T>> {
+        (T::of(2.0) * self.fit.tilt_rad * self.fit.extent_m[1] >= config.theta_m).then_some(self.own)
     }
 
     /// What is wrong with it, if anything.

@@ -41,8 +41,8 @@ struct Scatter<T: Real> {
 }
 
 impl<T: Real> Scatter<T> {
-    fn new(sums: &Sums<T, 12>, center: [T; 3]) -> Option<Self> {
-        let [weight, _, x, y, z, xx, xy, xz, yy, yz, zz, _] = sums.values;
+    fn new(sums: &Sums<T, 11>, center: [T; 3]) -> Option<Self> {
+        let [weight, _, x, y, z, xx, xy, xz, yy, yz, zz] = sums.values;
         if !(weight > T::ZERO) {
             return None;
         }
@@ -72,7 +72,12 @@ impl<T: Real> Scatter<T> {
     }
 }
 
-/// The plane of some freedom that fits the inliers of another best, and how good that other is: its truncated cost, m², and its inliers.
+/// `Σ w (1 − d²/θ²)` from `Σ w` and `Σ w d²` of the inliers.
+fn score<T: Real>(weight: T, squared: T, limits: &Limits<T>) -> T {
+    weight - squared / limits.squared_distance
+}
+
+/// The plane of some freedom that fits the inliers of another best, and how good that other is: its score and its inliers.
 fn refitted<T: Real>(
     view: &View<'_, T>,
     limits: &Limits<T>,
@@ -84,23 +89,28 @@ fn refitted<T: Real>(
     let half = T::of(0.5);
     match freedom {
         Freedom::Offset => {
-            let Sums { inliers, values: [weight, cost, distance] } = distances(view, surface, limits, of);
-            (cost, inliers, Some(Tilted { normal: surface.normal, offset_m: surface.offset_m - distance / weight }))
+            let Sums { inliers, values: [weight, distance, squared], .. } = distances(view, surface, limits, of);
+            let fitted = Tilted { normal: surface.normal, offset_m: surface.offset_m - distance / weight };
+            (score(weight, squared, limits), inliers, Some(fitted))
         }
         Freedom::YawAndOffset => {
-            let Sums { inliers, values } = moments_from_above(view, surface, limits, of, center);
+            let Sums { inliers, values, .. } = moments_from_above(view, surface, limits, of, center);
             let [_, _, x, y, xx, xy, yy] = values.map(|value| value / values[0]);
             // The major axis of what is seen from above; the normal is across it.
             let (xx, xy, yy) = (xx - x * x, xy - x * y, yy - y * y);
             let (sine, cosine) = (half * (xy + xy).arc_tangent(xx - yy)).sine_cosine();
             let mean = [center[0] + x, center[1] + y];
             let fitted = Tilted { normal: [-sine, cosine, T::ZERO], offset_m: sine * mean[0] - cosine * mean[1] };
-            (values[1], inliers, Some(fitted))
+            (score(values[0], values[1], limits), inliers, Some(fitted))
         }
         Freedom::All => {
             let sums = moments(view, surface, limits, of, center);
             let scatter = Scatter::new(&sums, center);
-            (sums.values[1], sums.inliers, scatter.and_then(|scatter| Some(scatter.through_mean(scatter.own_normal()?))))
+            (
+                score(sums.values[0], sums.values[1], limits),
+                sums.inliers,
+                scatter.and_then(|scatter| Some(scatter.through_mean(scatter.own_normal()?))),
+            )
         }
     }
 }
@@ -119,16 +129,16 @@ pub(super) fn refine<T: Real>(
     let normal = Vector3::from(hypothesis.normal);
     let center: [T; 3] = (point - normal * hypothesis.distance_m(point.into())).into();
     let mut surface = hypothesis;
-    let (mut score, mut inliers, mut next) = refitted(view, limits, candidates, &surface, freedom, center);
+    let (mut best, mut inliers, mut next) = refitted(view, limits, candidates, &surface, freedom, center);
     for _ in 0..ROUNDS {
         let Some(fitted) = next else { break };
         let (new_score, new_inliers, new_next) = refitted(view, limits, candidates, &fitted, freedom, center);
         // Not a number, where there was no inlier to fit to, is no rise either.
-        if !(new_score >= score) {
+        if !(new_score >= best) {
             break;
         }
         let is_settled = new_inliers == inliers;
-        (surface, score, inliers, next) = (fitted, new_score, new_inliers, new_next);
+        (surface, best, inliers, next) = (fitted, new_score, new_inliers, new_next);
         if is_settled {
             break;
         }
@@ -144,17 +154,48 @@ pub(super) fn refine<T: Real>(
     let variance = normal.dot(&(scatter.covariance * normal)) + off * off;
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let inliers = sums.inliers.as_f64() as usize;
-    let (weight, weight_with_normals) = (sums.values[0], sums.values[11]);
+    let weight = sums.values[0];
     let fit = Fit {
         plane,
         inliers,
         weight,
-        score: sums.values[1] / limits.squared_distance,
+        score: score(weight, sums.values[1], limits),
         mean_in_world: world_from_level * scatter.mean,
         spread_m: if variance > T::ZERO { variance.root() } else { T::ZERO },
         extent_m: scatter.extent(&level_plane).map(|sigma| sigma * T::of(12.0).root()),
         tilt_rad: angle_rad(&own, &surface),
         draws,
     };
-    Some(Found { surface, candidates, fit, own, has_normals: weight_with_normals * T::of(2.0) >= weight })
+    let theta_m = limits.squared_distance.root();
+    let (own, tilt_rad) = if freedom != Freedom::All && T::of(4.0) * fit.tilt_rad * fit.extent_m[1] > theta_m {
+        let own = grown(view, limits, candidates, own, fit.score, center);
+        (own, angle_rad(&own, &surface))
+    } else {
+        (own, fit.tilt_rad)
+    };
+    let fit = Fit { tilt_rad, ..fit };
+    Some(Found { surface, candidates, fit, own, has_normals: sums.weight_with_normals * T::of(2.0) >= weight })
+}
+
+/// The inliers' own plane, fitted to its own inliers in turn as long as the score rises: a slab cut out of a slanted surface shows only
+/// part of the slant, the less the more outliers there are. The plane as it was, where that ends below the score of the slab.
+fn grown<T: Real>(
+    view: &View<'_, T>,
+    limits: &Limits<T>,
+    candidates: Candidates,
+    own: Tilted<T>,
+    score_of_slab: T,
+    center: [T; 3],
+) -> Tilted<T> {
+    let (mut best, mut grown) = (T::ZERO, own);
+    let mut next = Some(own);
+    for _ in 0..2 * ROUNDS {
+        let Some(fitted) = next else { break };
+        let (score, _, after) = refitted(view, limits, candidates, &fitted, Freedom::All, center);
+        if !(score > best) {
+            break;
+        }
+        (best, grown, next) = (score, fitted, after);
+    }
+    if best >= score_of_slab { grown } else { own }
 }

@@ -9,9 +9,8 @@ use crate::plane::samples::{Candidates, Run, View};
 use crate::real::Real;
 use crate::robust::ransac::Agreement;
 
-/// Samples at a time, where one sum is wanted and where many are.
+/// Samples at a time: enough that the compiler makes a loop over them, which it turns into vector instructions however many sums there are.
 const LANES: usize = 16;
-const FEW_LANES: usize = 4;
 /// Samples between two looks at whether the best can still be beaten.
 const BLOCK: usize = 512;
 
@@ -105,20 +104,16 @@ impl<T: Real> Limits<T> {
 
 /// `Σ term(sample)` over one run, for `S` terms at once.
 #[inline(always)]
-fn sum<T: Real, const L: usize, const C: usize, const S: usize>(
-    columns: [&[T]; C],
-    range: Range<usize>,
-    term: impl Fn([T; C]) -> [T; S],
-) -> [T; S] {
-    let columns = columns.map(|column| column[range.clone()].as_chunks::<L>());
-    let mut sums = [[T::ZERO; L]; S];
+fn sum<T: Real, const C: usize, const S: usize>(columns: [&[T]; C], range: Range<usize>, term: impl Fn([T; C]) -> [T; S]) -> [T; S] {
+    let columns = columns.map(|column| column[range.clone()].as_chunks::<LANES>());
+    let mut sums = [[T::ZERO; LANES]; S];
     // Same number for all columns: said once more, so that no bound is checked within.
-    let chunks = range.len() / L;
+    let chunks = range.len() / LANES;
     let whole = columns.map(|(whole, _)| &whole[..chunks]);
     #[allow(clippy::needless_range_loop)] // of several columns at once
     for k in 0..chunks {
-        let rows: [&[T; L]; C] = core::array::from_fn(|c| &whole[c][k]);
-        for lane in 0..L {
+        let rows: [&[T; LANES]; C] = core::array::from_fn(|c| &whole[c][k]);
+        for lane in 0..LANES {
             let terms = term(core::array::from_fn(|c| rows[c][lane]));
             for s in 0..S {
                 sums[s][lane] += terms[s];
@@ -126,7 +121,7 @@ fn sum<T: Real, const L: usize, const C: usize, const S: usize>(
         }
     }
     let mut total = sums.map(|lanes| lanes.iter().fold(T::ZERO, |sum, value| sum + *value));
-    for place in 0..range.len() % L {
+    for place in 0..range.len() % LANES {
         let terms = term(core::array::from_fn(|c| columns[c].1[place]));
         for s in 0..S {
             total[s] += terms[s];
@@ -135,26 +130,25 @@ fn sum<T: Real, const L: usize, const C: usize, const S: usize>(
     total
 }
 
-/// The truncated cost `Σ max(0, θ² − d²)` of a run, m²; the weight is not in it.
+/// `Σ min(d², θ²)` of a run, m²; a sample with the wrong normal counts as far.
 // Out of line, once for each surface: a loop of its own is what the compiler makes vector instructions of.
 #[inline(never)]
-fn cost<T: Real, S: Surface<T>>(view: &View<'_, T>, surface: &S, limits: &Limits<T>, range: Range<usize>, checks_normals: bool) -> T {
-    let limits = *limits;
-    let surface = *surface;
-    let room = move |point: [T; 3]| {
+fn loss<T: Real, S: Surface<T>>(view: &View<'_, T>, surface: &S, limits: &Limits<T>, range: Range<usize>, checks_normals: bool) -> T {
+    let (limits, surface) = (*limits, *surface);
+    let loss = move |point: [T; 3]| {
         let distance = surface.distance_m(point);
-        let room = limits.squared_distance - distance * distance;
-        if room > T::ZERO { room } else { T::ZERO }
+        let squared = distance * distance;
+        if squared < limits.squared_distance { squared } else { limits.squared_distance }
     };
     let [x, y, z, n_x, n_y, n_z] = view.columns;
     let [total] = if checks_normals {
-        sum::<T, LANES, 6, 1>([x, y, z, n_x, n_y, n_z], range, |[x, y, z, n_x, n_y, n_z]| {
+        sum([x, y, z, n_x, n_y, n_z], range, |[x, y, z, n_x, n_y, n_z]| {
             let cosine = surface.cosine([n_x, n_y, n_z]);
-            let room = room([x, y, z]);
-            [if cosine * cosine >= limits.squared_cosine { room } else { T::ZERO }]
+            let loss = loss([x, y, z]);
+            [if cosine * cosine >= limits.squared_cosine { loss } else { limits.squared_distance }]
         })
     } else {
-        sum::<T, LANES, 3, 1>([x, y, z], range, |point| [room(point)])
+        sum([x, y, z], range, |point| [loss(point)])
     };
     total
 }
@@ -162,21 +156,20 @@ fn cost<T: Real, S: Surface<T>>(view: &View<'_, T>, surface: &S, limits: &Limits
 /// How many samples of a run lie on a surface.
 #[inline(never)]
 fn count<T: Real, S: Surface<T>>(view: &View<'_, T>, surface: &S, limits: &Limits<T>, range: Range<usize>, checks_normals: bool) -> T {
-    let limits = *limits;
-    let surface = *surface;
+    let (limits, surface) = (*limits, *surface);
     let near = move |point: [T; 3]| {
         let distance = surface.distance_m(point);
         if distance * distance < limits.squared_distance { T::one() } else { T::ZERO }
     };
     let [x, y, z, n_x, n_y, n_z] = view.columns;
     let [total] = if checks_normals {
-        sum::<T, LANES, 6, 1>([x, y, z, n_x, n_y, n_z], range, |[x, y, z, n_x, n_y, n_z]| {
+        sum([x, y, z, n_x, n_y, n_z], range, |[x, y, z, n_x, n_y, n_z]| {
             let cosine = surface.cosine([n_x, n_y, n_z]);
             let near = near([x, y, z]);
             [if cosine * cosine >= limits.squared_cosine { near } else { T::ZERO }]
         })
     } else {
-        sum::<T, LANES, 3, 1>([x, y, z], range, |point| [near(point)])
+        sum([x, y, z], range, |point| [near(point)])
     };
     total
 }
@@ -188,12 +181,14 @@ pub(super) fn agreement<T: Real, S: Surface<T>>(view: &View<'_, T>, surface: &S,
     let per_squared_distance = T::one() / limits.squared_distance;
     let mut left = view.weight(S::CANDIDATES);
     let mut score = T::ZERO;
-    for Run { range, weight, checks_normals } in view.runs(S::CANDIDATES) {
+    for Run { range, weight, checks_normals, .. } in view.runs(S::CANDIDATES) {
         let mut start = range.start;
         while start < range.end {
             let end = (start + BLOCK).min(range.end);
-            score += weight * per_squared_distance * cost(view, surface, limits, start..end, checks_normals);
-            left -= weight * T::of((end - start) as f64);
+            let weight_of_block = weight * T::of((end - start) as f64);
+            // Σ (1 − d²/θ²) where that is positive.
+            score += weight_of_block - weight * per_squared_distance * loss(view, surface, limits, start..end, checks_normals);
+            left -= weight_of_block;
             if score + left <= to_beat {
                 return None;
             }
@@ -204,7 +199,7 @@ pub(super) fn agreement<T: Real, S: Surface<T>>(view: &View<'_, T>, surface: &S,
         return None;
     }
     let mut agreement = Agreement { score, weight: T::ZERO, inliers: 0 };
-    for Run { range, weight, checks_normals } in view.runs(S::CANDIDATES) {
+    for Run { range, weight, checks_normals, .. } in view.runs(S::CANDIDATES) {
         let inliers = count(view, surface, limits, range, checks_normals);
         agreement.weight += weight * inliers;
         agreement.inliers += inliers.as_f64() as usize; // exact below 2²⁴
@@ -212,39 +207,47 @@ pub(super) fn agreement<T: Real, S: Surface<T>>(view: &View<'_, T>, surface: &S,
     Some(agreement)
 }
 
-/// Sums over the candidates on a surface, weighted: what it weighs, its truncated cost in m², then others.
+/// Sums over the candidates on a surface, weighted but for their number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sums<T, const S: usize> {
     /// How many there are, exact below 2²⁴.
     pub inliers: T,
+    /// What those weigh that have normals.
+    pub weight_with_normals: T,
     pub values: [T; S],
 }
 
-/// Sums of `one·term(sample, distance)`, where `one` is 1 for a sample on the surface and 0 otherwise; the term's first two are replaced.
+/// Sums of `term(point, distance, one)`, where `one` is 1 for a sample on the surface and 0 otherwise, and the first of the term.
 #[inline(always)]
-fn sum_over_inliers<T: Real, const L: usize, const S: usize>(
+fn sum_over_inliers<T: Real, const S: usize>(
     view: &View<'_, T>,
     surface: &Tilted<T>,
     limits: &Limits<T>,
     of: Candidates,
-    term: impl Fn([T; 6], T) -> [T; S],
+    term: impl Fn([T; 3], T, T) -> [T; S],
 ) -> Sums<T, S> {
     let (surface, limits) = (*surface, *limits);
-    let mut sums = Sums { inliers: T::ZERO, values: [T::ZERO; S] };
-    for Run { range, weight, checks_normals } in view.runs(of) {
-        let least_squared_cosine = if checks_normals { limits.squared_cosine } else { T::ZERO };
-        let part = sum::<T, L, 6, S>(view.columns, range, |sample| {
-            let [x, y, z, n_x, n_y, n_z] = sample;
-            let distance = surface.distance_m([x, y, z]);
-            let room = limits.squared_distance - distance * distance;
-            let cosine = surface.cosine([n_x, n_y, n_z]);
-            let is_on = (room > T::ZERO) & (cosine * cosine >= least_squared_cosine);
-            let one = if is_on { T::one() } else { T::ZERO };
-            let mut terms = term(sample, distance);
-            (terms[0], terms[1]) = (T::one(), room);
-            terms.map(|value| one * value)
-        });
+    let [x, y, z, n_x, n_y, n_z] = view.columns;
+    let mut sums = Sums { inliers: T::ZERO, weight_with_normals: T::ZERO, values: [T::ZERO; S] };
+    for Run { range, weight, checks_normals, has_normals } in view.runs(of) {
+        let part = if checks_normals {
+            sum([x, y, z, n_x, n_y, n_z], range, |[x, y, z, n_x, n_y, n_z]| {
+                let distance = surface.distance_m([x, y, z]);
+                let cosine = surface.cosine([n_x, n_y, n_z]);
+                let is_on = (distance * distance < limits.squared_distance) & (cosine * cosine >= limits.squared_cosine);
+                term([x, y, z], distance, if is_on { T::one() } else { T::ZERO })
+            })
+        } else {
+            sum([x, y, z], range, |point| {
+                let distance = surface.distance_m(point);
+                let is_on = distance * distance < limits.squared_distance;
+                term(point, distance, if is_on { T::one() } else { T::ZERO })
+            })
+        };
         sums.inliers += part[0];
+        if has_normals {
+            sums.weight_with_normals += weight * part[0];
+        }
         for (total, value) in sums.values.iter_mut().zip(part) {
             *total += weight * value;
         }
@@ -252,14 +255,16 @@ fn sum_over_inliers<T: Real, const L: usize, const S: usize>(
     sums
 }
 
-/// `Σ w (1, θ² − d², d)`.
+/// `Σ w (1, d, d²)` of the distances.
 #[inline(never)]
 pub(super) fn distances<T: Real>(view: &View<'_, T>, surface: &Tilted<T>, limits: &Limits<T>, of: Candidates) -> Sums<T, 3> {
-    let zero = T::ZERO;
-    sum_over_inliers::<T, LANES, 3>(view, surface, limits, of, |_, distance| [zero, zero, distance])
+    sum_over_inliers(view, surface, limits, of, |_, distance, one| {
+        let masked = one * distance;
+        [one, masked, masked * distance]
+    })
 }
 
-/// `Σ w (1, θ² − d², x, y, xx, xy, yy)` about `center`: what is seen from above.
+/// `Σ w (1, d², x, y, xx, xy, yy)` about `center`: what is seen from above.
 #[inline(never)]
 pub(super) fn moments_from_above<T: Real>(
     view: &View<'_, T>,
@@ -268,20 +273,19 @@ pub(super) fn moments_from_above<T: Real>(
     of: Candidates,
     center: [T; 3],
 ) -> Sums<T, 7> {
-    let zero = T::ZERO;
-    sum_over_inliers::<T, FEW_LANES, 7>(view, surface, limits, of, |[x, y, ..], _| {
+    sum_over_inliers(view, surface, limits, of, |[x, y, _], distance, one| {
         let (x, y) = (x - center[0], y - center[1]);
-        [zero, zero, x, y, x * x, x * y, y * y]
+        let (on_x, on_y) = (one * x, one * y);
+        [one, one * distance * distance, on_x, on_y, on_x * x, on_x * y, on_y * y]
     })
 }
 
-/// `Σ w (1, θ² − d², x, y, z, xx, xy, xz, yy, yz, zz)` about `center`, and of those that have a normal `Σ w`.
+/// `Σ w (1, d², x, y, z, xx, xy, xz, yy, yz, zz)` about `center`.
 #[inline(never)]
-pub(super) fn moments<T: Real>(view: &View<'_, T>, surface: &Tilted<T>, limits: &Limits<T>, of: Candidates, center: [T; 3]) -> Sums<T, 12> {
-    let zero = T::ZERO;
-    sum_over_inliers::<T, FEW_LANES, 12>(view, surface, limits, of, |[x, y, z, n_x, n_y, n_z], _| {
+pub(super) fn moments<T: Real>(view: &View<'_, T>, surface: &Tilted<T>, limits: &Limits<T>, of: Candidates, center: [T; 3]) -> Sums<T, 11> {
+    sum_over_inliers(view, surface, limits, of, |[x, y, z], distance, one| {
         let (x, y, z) = (x - center[0], y - center[1], z - center[2]);
-        let has_normal = if n_x * n_x + n_y * n_y + n_z * n_z > zero { T::one() } else { zero };
-        [zero, zero, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z, has_normal]
+        let (on_x, on_y, on_z) = (one * x, one * y, one * z);
+        [one, one * distance * distance, on_x, on_y, on_z, on_x * x, on_x * y, on_x * z, on_y * y, on_y * z, on_z * z]
     })
 }

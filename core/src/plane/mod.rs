@@ -4,8 +4,14 @@
 //! points with normals ─▶ Samples ─▶ detect ─ Detection ─▶ associate ─ PlaneMap ─▶ TrackedPlane, PlaneEvent
 //! ```
 //!
+//! # Time
+//! One solver with its refinement on 5,000 points of which a fifth lie on the plane, `f32`, one x86-64 core at 2.6 GHz shared with other work:
+//! 1 point 28 µs, 2 points 142 µs, 3 points 668 µs (0.40, 2.25 and 9.6 million instructions); built for x86-64-v3 15, 85 and 365 µs. All planes of
+//! 1,000 points: 113 µs with normals, 181 µs without. `cargo bench --bench planes` prints these.
+//!
 //! # Memory
-//! The map is what is kept; the samples and what a detection finds are scratch that the caller lends for the time of a detection.
+//! The map is what is kept; the samples and what a detection finds are scratch that the caller lends for the time
+//! of a detection.
 //!
 //! | profile | scalar | planes | corners | map | samples | scratch |
 //! |---|---|---|---|---|---|---|
@@ -15,10 +21,9 @@
 //!
 //! # Example
 //! ```
-//! use libella_core::plane::associate::{AssociateConfig, PlaneClass, PlaneMap};
-//! use libella_core::plane::detect::Detections;
+//! use libella_core::plane::associate::AssociateConfig;
 //! use libella_core::plane::fit::FitConfig;
-//! use libella_core::plane::{Sample, Samples, Source};
+//! use libella_core::plane::{Detections, PlaneClass, PlaneMap, Sample, Samples, Source};
 //! use libella_core::robust::ransac::Generator;
 //! use libella_core::time::Timestamp;
 //! use nalgebra::Vector3;
@@ -48,12 +53,14 @@ pub mod fit;
 pub mod geometry;
 pub mod polygon;
 pub mod samples;
+pub mod tracked;
 
-pub use associate::{PlaneClass, PlaneEvent, PlaneId, PlaneMap, TrackedPlane};
+pub use associate::{PlaneEvent, PlaneMap};
 pub use detect::{Detection, Detections};
 pub use geometry::{Orientation, Plane};
 pub use polygon::Polygon;
 pub use samples::{Sample, SampleError, Samples, Source};
+pub use tracked::{PlaneClass, PlaneId, TrackedPlane};
 
 /// Microcontroller.
 pub type MicroPlanes = PlaneMap<f32, 4, 8>;

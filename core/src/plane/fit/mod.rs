@@ -28,7 +28,8 @@
 //! Points above each other do not determine a vertical plane, nor points on a line any. Samples too close to that are drawn again, and a
 //! consensus whose inliers are a thin strip is [`FitError::Thin`]: a wall cut at one height is no floor. What lies on a slanted surface
 //! through the slab is [`FitError::Tilted`]: the inliers' own plane, with all its freedom, is off the assumed one. Inliers without
-//! normals that fill the slab evenly are [`FitError::Loose`]: a cut through a solid.
+//! normals that fill the slab evenly are [`FitError::Loose`]: a cut through a solid. That last one is no proof: without normals a vertical
+//! cut along a staircase still passes for a wall now and then.
 //!
 //! # Reference
 //! M. Fischler, R. Bolles, "Random Sample Consensus", 1981. P. Ji et al., "CNN-Augmented Visual-Inertial SLAM with Planar Constraints", 2022.

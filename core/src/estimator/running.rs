@@ -15,6 +15,8 @@ const MOST_SIGMA: f64 = 4.0;
 const MOST_MEAN_COST: f64 = 2.0;
 /// A body that moves this many times faster than one at rest may seem to moves in the direction that it seems to.
 const MOVING_SIGMA: f64 = 5.0;
+/// Standard deviation of the position, as a share of the way across the window, below which that way tells depths.
+const MOST_UNKNOWN_SHARE: f64 = 0.5;
 /// How long the image has to stand still before the body counts as resting: turning points of a motion are shorter.
 const REST_SETTLES_S: f64 = 0.3;
 /// Images in a row that the solution may contradict before it counts as lost: half a second at 20 Hz.
@@ -69,11 +71,12 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     /// behind the camera explains corners as well as the true one.
     pub(super) fn activate_landmarks(&mut self, poses_are_known: bool) {
         self.workspace.geometry.update(&self.window.frames, &self.settings);
+        let way_is_known = self.way_is_known();
         let poses = &self.workspace.geometry.camera_poses;
         let prior = &self.settings.depth_prior;
         for landmark in self.window.landmarks.iter_mut().filter(|landmark| landmark.active && landmark.depth_source == DepthSource::Guessed)
         {
-            if landmark.is_told(poses, prior) {
+            if way_is_known && landmark.is_told(poses, prior) {
                 landmark.depth_source = DepthSource::Usual;
             }
         }
@@ -103,6 +106,15 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     fn poses_are_known(&self) -> bool {
         let moves = |newest: &Frame<T>| newest.state.velocity_in_world.norm() > self.config.rest_sigma_m_s * T::of(MOVING_SIGMA);
         self.tracked_landmarks() >= self.config.least_tracked || self.window.frames.last().is_some_and(moves)
+    }
+
+    /// Whether the way across the window is known well enough to tell depths by. A body that hardly moved may seem to have moved ten times
+    /// as far with all points ten times as far away; depths told by that would keep it so, until the scale is that of the flight.
+    fn way_is_known(&self) -> bool {
+        let (Some(first), Some(last)) = (self.window.frames.first(), self.window.frames.last()) else { return false };
+        let way = (last.state.position_in_world - first.state.position_in_world).norm();
+        let variance = (3..6).fold(T::ZERO, |sum, axis| sum + self.pose_covariance[(axis, axis)]);
+        variance < way * way * T::of(MOST_UNKNOWN_SHARE * MOST_UNKNOWN_SHARE)
     }
 
     /// Landmarks with a depth that the newest frame sees.

@@ -82,6 +82,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
                 }
             }
         }
+        self.start_with_depth = Some(Self::begin_with_depth);
         let (scale, sigma_log_scale) = (self.depth_scale.scale(), self.depth_scale.sigma_log());
         self.depth_report = Some(DepthReport { given, scale, sigma_log_scale, verdict });
         Ok(())

@@ -33,7 +33,7 @@ const MOST_UNEXPLAINED: f64 = 0.4;
 impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>
     Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES>
 {
-    pub(super) fn start_with_depth(&mut self, budget: StepBudget) -> Result<(), Waiting> {
+    pub(super) fn begin_with_depth(&mut self, budget: StepBudget) -> Result<(), Waiting> {
         let frames = self.window.frames.as_slice();
         let [first, .., last] = frames else { return Err(Waiting::Tracks) };
         let span_s = (last.stamp - first.stamp).as_seconds::<T>();

@@ -69,6 +69,8 @@ pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POI
     depth_scale: ScaleTracker<T>,
     /// What the depth map of the pending frame did.
     depth_report: Option<DepthReport<T>>,
+    /// The start with depths, once there are any: who pushes none does not carry its code.
+    start_with_depth: Option<fn(&mut Self, StepBudget) -> Result<(), Waiting>>,
 }
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>
@@ -109,6 +111,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             init_landmarks: [InitLandmark::default(); POINTS],
             depth_scale: config.depth.tracker(),
             depth_report: None,
+            start_with_depth: None,
         }
     }
 

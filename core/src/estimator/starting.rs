@@ -27,7 +27,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         if self.start_at_rest() {
             return FrameOutcome::Initialised;
         }
-        match self.start_with_depth(budget).or_else(|_| self.start_moving(budget)) {
+        let with_depth = self.start_with_depth.map_or(Err(Waiting::Tracks), |start| start(self, budget));
+        match with_depth.or_else(|_| self.start_moving(budget)) {
             Ok(()) => FrameOutcome::Initialised,
             Err(waiting) => {
                 self.health = Health::Initialising(waiting);

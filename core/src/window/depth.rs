@@ -45,7 +45,8 @@ const NEW_SHARE: f64 = 0.2;
 
 impl<T: Real> GivenDepth<T> {
     /// Whitened: `ln(λ / median) / σ`.
-    #[inline]
+    // Out of line: it stands in every loop over landmarks, and a logarithm is long.
+    #[inline(never)]
     #[must_use]
     pub fn residual(&self, inverse_depth: T) -> T {
         let (share, least) = (inverse_depth / self.inverse_depth, T::of(LEAST_SHARE));
@@ -54,7 +55,7 @@ impl<T: Real> GivenDepth<T> {
     }
 
     /// `∂r/∂λ`, m.
-    #[inline]
+    #[inline(never)]
     #[must_use]
     pub fn slope(&self, inverse_depth: T) -> T {
         self.inverse_sigma_log / inverse_depth.max(self.inverse_depth * T::of(LEAST_SHARE))
@@ -73,6 +74,7 @@ impl<T: Real> GivenDepth<T> {
 
     /// The same seen from another camera: `depth` of the ray `(x, y, 1)` along its axis, and how far `ahead` of the new camera the old
     /// one is, m. `λ' = λ / (depth + λ ahead)`, linearised at the median; `None` where that is behind it.
+    #[inline(never)]
     #[must_use]
     pub fn seen_from(&self, depth: T, ahead: T) -> Option<Self> {
         let z = depth + self.inverse_depth * ahead;

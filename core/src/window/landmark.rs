@@ -180,6 +180,7 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
         self.depth_source = DepthSource::Given;
     }
 
+    #[inline(never)]
     fn move_anchor(&mut self, poses: Option<(&CameraPose<T>, &CameraPose<T>)>, next: usize) {
         let seen = self.points[next];
         #[allow(clippy::cast_possible_truncation)] // below 32
@@ -248,6 +249,7 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
 
     /// One Gauss-Newton step on bearing and inverse depth over all observations, the anchor's included, poses fixed.
     /// The step is kept only where it lowers the cost. Returns the information of `λ`, the bearing being unknown too.
+    #[inline(never)]
     pub fn refine(&mut self, camera_poses: &[CameraPose<T>], prior: &DepthKnowledge<T>) -> Option<T> {
         let mut hessian = Matrix3::zeros();
         let mut gradient = Vector3::zeros();
@@ -274,6 +276,7 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
     }
 
     /// Whether observations tell the inverse depth to the mean of the prior, poses fixed.
+    #[inline(never)]
     #[must_use]
     pub fn is_told(&self, camera_poses: &[CameraPose<T>], prior: &DepthPrior<T>) -> bool {
         let mut trial = *self;
@@ -281,6 +284,7 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
     }
 
     /// Half the sum of squared whitened residuals, and its normal equations in `(x, y, λ)` where asked for.
+    #[inline(never)]
     fn cost(
         &self,
         camera_poses: &[CameraPose<T>],

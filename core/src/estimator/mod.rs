@@ -30,6 +30,9 @@ use crate::time::Timestamp;
 use crate::track::{FrontEnd, FrontEndConfig};
 use crate::window::{CommonFlow, DepthPrior, Stillness, Window};
 
+/// One way to start, on the frames that are there.
+type Start<E> = fn(&mut E, StepBudget) -> Result<(), Waiting>;
+
 /// Corners to follow at a time.
 const TARGET_TRACKS: usize = 200;
 
@@ -70,7 +73,7 @@ pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POI
     /// What the depth map of the pending frame did.
     depth_report: Option<DepthReport<T>>,
     /// The start with depths, once there are any: who pushes none does not carry its code.
-    start_with_depth: Option<fn(&mut Self, StepBudget) -> Result<(), Waiting>>,
+    start_with_depth: Option<Start<Self>>,
 }
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>

@@ -12,7 +12,6 @@ mod support {
 use libella_core::depth::{DepthSample, Verdict};
 use libella_core::estimator::EstimatorConfig;
 use libella_core::real::Real;
-use libella_core::track::TrackId;
 use libella_host::sim::random::Random;
 use libella_host::sim::{AnalyticConfig, FeatureConfig, MotionKind, Recording, SimulationConfig, simulate_with_landmarks};
 use nalgebra::{Point3, Vector3};
@@ -82,7 +81,7 @@ fn fly<T: Real>(recording: &Recording, landmarks: &[Vector3<f64>], source: Sourc
                     Source::None | Source::Honest => depth * error,
                 };
                 let sample = DepthSample { inverse_depth: T::of(1.0 / told), sigma_log: T::of(0.13), uncertainty: T::of(0.15) };
-                (TrackId(seen.track.0), sample)
+                (seen.track, sample)
             })
             .collect();
         let depths = if source == Source::None { &[] } else { depths.as_slice() };

@@ -158,10 +158,14 @@ impl<'a, T: Real> Pilot<'a, T> {
 
     /// One image, its inertial samples pushed before.
     pub fn push_frame(&mut self, stamp: Timestamp, observations: &[Observation<f64>]) -> Result<FrameOutcome, InputError> {
+        self.push_tracks(stamp, observations)?;
+        Ok(self.step(stamp))
+    }
+
+    fn push_tracks(&mut self, stamp: Timestamp, observations: &[Observation<f64>]) -> Result<(), InputError> {
         let observations: Vec<_> =
             observations.iter().map(|seen| Observation { track: seen.track, pixel: seen.pixel.map(T::of) }).collect();
-        self.estimator.push_tracks(stamp, &observations)?;
-        Ok(self.step(stamp))
+        self.estimator.push_tracks(stamp, &observations)
     }
 
     /// What was pushed for the image, solved and kept.
@@ -193,9 +197,7 @@ impl<'a, T: Real> Pilot<'a, T> {
         observations: &[Observation<f64>],
         depths: &[(TrackId, DepthSample<T>)],
     ) -> Result<FrameOutcome, InputError> {
-        let observations: Vec<_> =
-            observations.iter().map(|seen| Observation { track: seen.track, pixel: seen.pixel.map(T::of) }).collect();
-        self.estimator.push_tracks(stamp, &observations)?;
+        self.push_tracks(stamp, observations)?;
         self.estimator.push_depths(stamp, depths)?;
         Ok(self.step(stamp))
     }

@@ -15,5 +15,5 @@ mod weighting;
 
 pub use map::{DepthSample, DepthView, DepthViewError};
 pub use normals::{NormalAverage, normal};
-pub use scale::{Affine, ScaleTracker, Verdict, affine, mean_ratio, ratio_spread};
+pub use scale::{Affine, ScaleTracker, Verdict, affine, mean_ratio};
 pub use weighting::Weighting;

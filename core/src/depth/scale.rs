@@ -2,7 +2,7 @@
 //!
 //! # Model
 //! `d = s d_source`. Each landmark whose depth motion has told gives one ratio `d / d_source`. The paper takes their mean
-//! ([`mean_ratio`]); a median with its spread stands wrong depths ([`ratio_spread`]). [`ScaleTracker`] follows `ln s` over the images
+//! ([`mean_ratio`]); a median with its spread stands wrong depths ([`spread`] of their logarithms). [`ScaleTracker`] follows `ln s` over the images
 //! as a random walk, because a network's factor hangs on what it sees and changes slowly:
 //! ```text
 //! P ← P + q Δt      K = P / (P + R)      ln s ← ln s + K (m − ln s)      P ← (1 − K) P
@@ -13,7 +13,7 @@
 
 use super::DepthSample;
 use crate::real::Real;
-use crate::robust::stats::{Spread, spread};
+use crate::robust::stats::spread;
 use crate::time::Timestamp;
 
 /// The mean of `d / d_source` over positive, finite ratios; `None` where there is none.
@@ -21,12 +21,6 @@ pub fn mean_ratio<T: Real>(ratios: impl Iterator<Item = T>) -> Option<T> {
     let usable = ratios.filter(|ratio| *ratio > T::ZERO && ratio.is_usable());
     let (sum, count) = usable.fold((T::ZERO, T::ZERO), |(sum, count), ratio| (sum + ratio, count + T::one()));
     if count > T::ZERO { Some(sum / count) } else { None }
-}
-
-/// Median and median absolute deviation of `ln(d / d_source)`; the values are used up. `None` for none, or where one is no number.
-#[must_use]
-pub fn ratio_spread<T: Real>(log_ratios: &mut [T]) -> Option<Spread<T>> {
-    spread(log_ratios)
 }
 
 /// `λ = factor λ_source + shift_per_m`.
@@ -131,7 +125,7 @@ impl<T: Real> ScaleTracker<T> {
         if log_ratios.len() < LEAST_LANDMARKS {
             return Verdict::Believed;
         }
-        let (Some(found), Some(depths)) = (ratio_spread(log_ratios), spread(log_depths)) else { return Verdict::NoDepth };
+        let (Some(found), Some(depths)) = (spread(log_ratios), spread(log_depths)) else { return Verdict::NoDepth };
         if found.sigma() > T::of(MOST_ERROR) && found.sigma() > depths.sigma() * T::of(MOST_SHARE) {
             return Verdict::NoDepth;
         }
@@ -250,7 +244,7 @@ mod tests {
         let ratios = [1.0, 1.1, 0.9, 1.05, 0.95, 30.0];
         assert!(mean_ratio(ratios.into_iter()).is_some_and(|mean| mean > 5.0));
         let mut logs = ratios.map(f64::ln);
-        assert!(ratio_spread(&mut logs).is_some_and(|found| found.median.abs() < 0.1));
+        assert!(spread(&mut logs).is_some_and(|found| found.median.abs() < 0.1));
         assert_eq!(mean_ratio([f64::NAN, -1.0].into_iter()), None);
     }
 }

@@ -15,7 +15,7 @@ use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::{Estimator, StepBudget, Waiting};
 use crate::imu::NavState;
-use crate::init::MAX_INIT_FRAMES;
+use crate::init::{MAX_INIT_FRAMES, world_from_specific_force};
 use crate::lie::so3::hat;
 use crate::real::Real;
 use crate::window::{CameraPose, DepthSource, Frame, Landmark};
@@ -58,12 +58,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         };
         origin.velocity_in_world = velocity;
         origin.bias.gyro_rad_s = gyro_bias;
-        for i in 1..self.window.frames.len() {
-            let (from, to) = (self.window.frames[i - 1].stamp, self.window.frames[i].stamp);
-            if self.inertial.covers(from, to) {
-                self.window.frames[i].from_previous = self.inertial.integrate(&self.noise, origin.bias, from, to);
-            }
-        }
+        self.integrate_at(origin.bias);
         chain(&mut states, origin, &self.window.frames, &self.settings.gravity_in_world);
         for (frame, state) in self.window.frames.iter_mut().zip(&states) {
             frame.state = *state;
@@ -88,7 +83,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         if (up.norm() - self.config.gravity_m_s2).abs() > self.config.gravity_m_s2 * T::of(0.3) {
             return None;
         }
-        let world_from_body = UnitQuaternion::rotation_between(&up, &Vector3::z())?;
+        let world_from_body = world_from_specific_force(&up)?;
         Some(NavState { world_from_body, ..NavState::origin() })
     }
 }
@@ -113,7 +108,11 @@ fn first_motion<'a, T: Real, const FRAMES: usize>(
     body_from_camera: &Isometry3<T>,
 ) -> Option<(Vector3<T>, Vector3<T>)> {
     let camera_from_body = body_from_camera.rotation.inverse().to_rotation_matrix().into_inner();
-    let anchor = CameraPose::of(from_rest.first()?, body_from_camera);
+    let mut cameras = [CameraPose::default(); MAX_INIT_FRAMES];
+    for (camera, state) in cameras.iter_mut().zip(from_rest) {
+        *camera = CameraPose::of(state, body_from_camera);
+    }
+    let anchor = &cameras[0];
     let mut found = SVector::<T, 6>::zeros();
     let (mut motion, mut unexplained) = (T::ZERO, T::ZERO);
     for pass in 0..4 {
@@ -125,9 +124,8 @@ fn first_motion<'a, T: Real, const FRAMES: usize>(
             let ray = anchor.world_from_camera * landmark.direction();
             let point = anchor.center_in_world + ray / landmark.given.inverse_depth;
             for (frame, seen) in landmark.seen().filter(|(frame, _)| *frame > 0) {
-                let (state, at) = (from_rest.get(frame)?, frames.get(frame)?);
+                let (camera, at) = (cameras.get(frame)?, frames.get(frame)?);
                 let seconds = (at.stamp - frames[0].stamp).as_seconds::<T>();
-                let camera = CameraPose::of(state, body_from_camera);
                 let camera_from_world = camera.world_from_camera.transpose();
                 let y = camera_from_world * (point - camera.center_in_world);
                 if y.z < T::of(0.05) {

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::{Estimator, FrameOutcome, Health, StepBudget, Waiting};
 use crate::camera::Camera;
-use crate::imu::{NavState, Preintegration};
+use crate::imu::{ImuBias, NavState, Preintegration};
 use crate::init::{InertialLink, InitConfig, InitError, MAX_INIT_FRAMES, RestConfig, detect_rest, initialise_moving};
 use crate::real::Real;
 use crate::solve::add_initial;
@@ -151,12 +151,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             };
             let moved = (alignment.bias.gyro_rad_s - integrated_at.gyro_rad_s).norm();
             integrated_at = alignment.bias;
-            for i in 1..frames {
-                let (from, to) = (self.window.frames[i - 1].stamp, self.window.frames[i].stamp);
-                if self.inertial.covers(from, to) {
-                    self.window.frames[i].from_previous = self.inertial.integrate(&self.noise, integrated_at, from, to);
-                }
-            }
+            self.integrate_at(integrated_at);
             if round == 1 || moved < T::of(0.02) {
                 break;
             }
@@ -165,6 +160,16 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             frame.state = *state;
         }
         self.settle_start(budget)
+    }
+
+    /// Integrates the samples of all frames anew, linearised at `bias`.
+    pub(super) fn integrate_at(&mut self, bias: ImuBias<T>) {
+        for i in 1..self.window.frames.len() {
+            let (from, to) = (self.window.frames[i - 1].stamp, self.window.frames[i].stamp);
+            if self.inertial.covers(from, to) {
+                self.window.frames[i].from_previous = self.inertial.integrate(&self.noise, bias, from, to);
+            }
+        }
     }
 
     /// Solves a window whose states were found roughly, and keeps it where everything agrees.

@@ -14,7 +14,7 @@
 
 use nalgebra::{UnitVector3, Vector3};
 
-use super::fit::{Fit, FitConfig, FitError, Found, search_horizontal, search_on_wall, search_vertical};
+use super::fit::{Fit, FitConfig, FitError, Found, Limits, least_weight, search_horizontal, search_on_wall, search_vertical};
 use super::geometry::Orientation;
 use super::polygon::{Hull, Polygon};
 use super::samples::{Candidates, Samples};
@@ -65,8 +65,7 @@ impl<T: Real, const P: usize, const V: usize> Detections<T, P, V> {
         const { assert!(P < u8::MAX as usize) }
         self.planes.clear();
         samples.release();
-        samples.arrange();
-        let least_weight = samples.view().weight(Candidates::Any) * config.ransac.least_inlier_ratio;
+        let least_weight = least_weight(samples, config);
         let mut main_wall = main_wall_normal_in_world.copied();
         for _ in 0..2 * P + 4 {
             samples.arrange();
@@ -83,7 +82,7 @@ impl<T: Real, const P: usize, const V: usize> Detections<T, P, V> {
                     let _ = self.planes.push(detection);
                 }
                 (Some(found), false) => {
-                    let limits = found.limits(&samples.view(), config);
+                    let limits = Limits::new(&samples.view(), config.theta_m);
                     // A slanted surface leaves as a whole, or the next slab through it would be judged by what is left.
                     let slanted = matches!(found.judge(config), Err(FitError::Tilted(_))).then_some(found.own);
                     let is_on = |row| limits.admit(&found.surface, row) || slanted.is_some_and(|own| limits.admit(&own, row));
@@ -99,7 +98,7 @@ impl<T: Real, const P: usize, const V: usize> Detections<T, P, V> {
     /// Takes the samples of a plane out, and their polygon.
     fn take<const N: usize>(&self, samples: &mut Samples<T, N>, found: &Found<T>, config: &FitConfig<T>) -> Detection<T, V> {
         let view = samples.view();
-        let limits = found.limits(&view, config);
+        let limits = Limits::new(&view, config.theta_m);
         let own = found.own_if_tilted(config);
         let plane = found.fit.plane;
         let (e1, e2) = plane.axes();

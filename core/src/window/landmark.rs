@@ -253,20 +253,17 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
     pub fn refine(&mut self, camera_poses: &[CameraPose<T>], prior: &DepthKnowledge<T>) -> Option<T> {
         let mut hessian = Matrix3::zeros();
         let mut gradient = Vector3::zeros();
-        let of_prior = |inverse_depth: T| {
-            let residual = prior.residual(inverse_depth);
-            residual * residual
-        };
-        let before =
-            self.cost(camera_poses, self.bearing, self.inverse_depth, Some((&mut hessian, &mut gradient))) + of_prior(self.inverse_depth);
+        let residual = prior.residual(self.inverse_depth);
+        let before = self.cost(camera_poses, self.bearing, self.inverse_depth, Some((&mut hessian, &mut gradient))) + residual * residual;
         let slope = prior.slope(self.inverse_depth);
         hessian[(2, 2)] += slope * slope;
-        gradient[2] += slope * prior.residual(self.inverse_depth);
+        gradient[2] += slope * residual;
         let factor = hessian.cholesky()?;
         let step = factor.solve(&gradient);
         let bearing = [self.bearing[0] - step.x, self.bearing[1] - step.y];
         let inverse_depth = self.inverse_depth - step.z;
-        if self.cost(camera_poses, bearing, inverse_depth, None) + of_prior(inverse_depth) < before {
+        let after = prior.residual(inverse_depth);
+        if self.cost(camera_poses, bearing, inverse_depth, None) + after * after < before {
             self.bearing = bearing;
             self.inverse_depth = inverse_depth;
         }

@@ -46,12 +46,13 @@ mod tests;
 use nalgebra::{UnitVector3, Vector3};
 
 use super::geometry::{Plane, angle_between_lines};
-use super::samples::{Candidates, Samples, View};
+use super::samples::{Candidates, Samples};
 use crate::real::Real;
 use crate::robust::ransac::{Generator, Ransac, SampleModel};
 use models::{OnePoint, OnePointOnWall, ThreePoints, TwoPoints};
 use refine::Freedom;
-use scan::{Level, Limits, Surface, Tilted, Upright};
+pub(super) use scan::Limits;
+use scan::{Level, Surface, Tilted, Upright};
 
 /// What makes a plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -150,8 +151,7 @@ pub fn horizontal<T: Real, const N: usize>(
     config: &FitConfig<T>,
     generator: &mut Generator,
 ) -> Result<Fit<T>, FitError<T>> {
-    let least_weight = least_weight(samples, config);
-    finish(config, search_horizontal(samples, config, least_weight, generator))
+    judged(samples, config, |samples, least_weight| search_horizontal(samples, config, least_weight, generator))
 }
 
 /// The best vertical plane, by samples of two points.
@@ -163,8 +163,7 @@ pub fn vertical<T: Real, const N: usize>(
     config: &FitConfig<T>,
     generator: &mut Generator,
 ) -> Result<Fit<T>, FitError<T>> {
-    let least_weight = least_weight(samples, config);
-    finish(config, search_vertical(samples, config, least_weight, generator))
+    judged(samples, config, |samples, least_weight| search_vertical(samples, config, least_weight, generator))
 }
 
 /// The best vertical plane parallel to a wall, by samples of one point.
@@ -177,8 +176,7 @@ pub fn along_wall<T: Real, const N: usize>(
     config: &FitConfig<T>,
     generator: &mut Generator,
 ) -> Result<Fit<T>, FitError<T>> {
-    let least_weight = least_weight(samples, config);
-    finish(config, search_on_wall(samples, wall_normal_in_world, false, config, least_weight, generator))
+    judged(samples, config, |samples, least_weight| search_on_wall(samples, wall_normal_in_world, false, config, least_weight, generator))
 }
 
 /// The best vertical plane at right angles to a wall, by samples of one point.
@@ -191,8 +189,7 @@ pub fn across_wall<T: Real, const N: usize>(
     config: &FitConfig<T>,
     generator: &mut Generator,
 ) -> Result<Fit<T>, FitError<T>> {
-    let least_weight = least_weight(samples, config);
-    finish(config, search_on_wall(samples, wall_normal_in_world, true, config, least_weight, generator))
+    judged(samples, config, |samples, least_weight| search_on_wall(samples, wall_normal_in_world, true, config, least_weight, generator))
 }
 
 /// The best plane of any orientation, by samples of three points.
@@ -204,14 +201,7 @@ pub fn free<T: Real, const N: usize>(
     config: &FitConfig<T>,
     generator: &mut Generator,
 ) -> Result<Fit<T>, FitError<T>> {
-    let least_weight = least_weight(samples, config);
-    samples.arrange();
-    let view = samples.view();
-    let limits = Limits::new(&view, config.theta_m);
-    let items = ThreePoints { view, limits, least_separation_m: config.least_separation_m };
-    let found = run(&items, config, least_weight, generator)
-        .and_then(|(surface, draws)| refine::refine(&view, &limits, Candidates::Any, surface, Freedom::All, draws));
-    finish(config, found)
+    judged(samples, config, |samples, least_weight| search_free(samples, config, least_weight, generator))
 }
 
 /// A plane in the level frame, with what is known of it, not yet judged.
@@ -227,11 +217,6 @@ pub(super) struct Found<T: Real> {
 }
 
 impl<T: Real> Found<T> {
-    /// What its inliers are told by.
-    pub fn limits(&self, view: &View<'_, T>, config: &FitConfig<T>) -> Limits<T> {
-        Limits::new(view, config.theta_m)
-    }
-
     /// The inliers' own plane, where its tilt makes a difference within their extent.
     pub fn own_if_tilted(&self, config: &FitConfig<T>) -> Option<Tilted<T>> {
         (T::of(2.0) * self.fit.tilt_rad * self.fit.extent_m[1] >= config.theta_m).then_some(self.own)
@@ -258,13 +243,19 @@ impl<T: Real> Found<T> {
 }
 
 /// What a plane must weigh: the least share of all samples that are still candidates for anything.
-fn least_weight<T: Real, const N: usize>(samples: &mut Samples<T, N>, config: &FitConfig<T>) -> T {
+pub(super) fn least_weight<T: Real, const N: usize>(samples: &mut Samples<T, N>, config: &FitConfig<T>) -> T {
     samples.arrange();
     samples.view().weight(Candidates::Any) * config.ransac.least_inlier_ratio
 }
 
-fn finish<T: Real>(config: &FitConfig<T>, found: Option<Found<T>>) -> Result<Fit<T>, FitError<T>> {
-    let found = found.ok_or(FitError::NoConsensus)?;
+/// What a search finds, where it stands.
+fn judged<T: Real, const N: usize>(
+    samples: &mut Samples<T, N>,
+    config: &FitConfig<T>,
+    search: impl FnOnce(&mut Samples<T, N>, T) -> Option<Found<T>>,
+) -> Result<Fit<T>, FitError<T>> {
+    let least_weight = least_weight(samples, config);
+    let found = search(samples, least_weight).ok_or(FitError::NoConsensus)?;
     found.judge(config).map(|()| found.fit)
 }
 
@@ -315,6 +306,20 @@ pub(super) fn search_on_wall<T: Real, const N: usize>(
     let items = OnePointOnWall { view, limits, normal: if is_across { [-y, x] } else { [x, y] } };
     let (surface, draws) = run(&items, config, least_weight, generator)?;
     refine::refine(&view, &limits, Upright::<T>::CANDIDATES, surface, Freedom::Offset, draws)
+}
+
+fn search_free<T: Real, const N: usize>(
+    samples: &mut Samples<T, N>,
+    config: &FitConfig<T>,
+    least_weight: T,
+    generator: &mut Generator,
+) -> Option<Found<T>> {
+    samples.arrange();
+    let view = samples.view();
+    let limits = Limits::new(&view, config.theta_m);
+    let items = ThreePoints { view, limits, least_separation_m: config.least_separation_m };
+    let (surface, draws) = run(&items, config, least_weight, generator)?;
+    refine::refine(&view, &limits, Candidates::Any, surface, Freedom::All, draws)
 }
 
 /// The best hypothesis, and how many draws it took.

@@ -11,9 +11,9 @@ mod sheet;
 mod simulated;
 mod view;
 
-pub use estimate::{Ended, FrameResult, PoseResult, Refusals, Run, run, run_watched};
+pub use estimate::{Ended, FrameResult, PoseResult, Refusals, Run, run, run_recorded, run_watched};
 pub use figure::{Figure, draw};
-pub use record::{Consistency, CoreTiming, LeftOut, Report, Timing, prepare_outputs, write_outputs};
+pub use record::{Consistency, CoreTiming, LeftOut, Report, SmoothReport, Timing, prepare_outputs, write_outputs, write_smooth};
 pub use resources::rss_peak_mb;
 pub use sheet::ContactSheet;
 pub use simulated::{RenderClock, rendered_recording, tracked_recording};

@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use libella_core::time::Span;
 use libella_core::track::TrackId;
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 use serde::Serialize;
 
 use super::between::{self, SmoothPose};
@@ -163,7 +163,7 @@ fn problem(epoch: &Epoch) -> (Vec<Keyframe>, Vec<Landmark>) {
         for corner in &frame.corners {
             tracks.entry(corner.track).or_default().push(LandmarkView::new(keyframes.len(), corner.point));
         }
-        keyframes.push(Keyframe { stamp: known.stamp, state: known.state, at_rest: known.at_rest });
+        keyframes.push(Keyframe { stamp: known.stamp, state: known.state, offset: Isometry3::identity(), at_rest: known.at_rest });
     }
     let several = tracks.into_values().filter(|views| views.len() > 2);
     let landmarks = several.map(|views| Landmark { position_in_world: Vector3::zeros(), used: false, views, plane: None });

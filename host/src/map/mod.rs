@@ -8,6 +8,9 @@ mod between;
 pub mod bundle;
 mod record;
 mod smooth;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
 
 pub use between::SmoothPose;
 pub use record::{Epoch, EpochFrame, FlightRecord, FrameState, Glance, Recorder, SeenCorner};

@@ -90,7 +90,11 @@ pub fn smooth(
     stop: &AtomicBool,
     mut observe: impl FnMut(&Progress),
 ) -> Result<Option<Smooth>, Fault> {
-    let settings = BundleSettings::new(&config.estimator_config::<f64>(&recording.rig.imu_noise), recording.rig.body_from_camera);
+    let mut settings = BundleSettings::new(&config.estimator_config::<f64>(&recording.rig.imu_noise), recording.rig.body_from_camera);
+    let env = |name: &str| std::env::var(name).ok().and_then(|v| v.parse::<f64>().ok());
+    if let Some(v) = env("INFL") { settings.imu_noise = settings.imu_noise.with_white_scaled(v / 4.0); }
+    if let Some(v) = env("OP") { settings.offset_sigma.1 = v; }
+    if let Some(v) = env("OR") { settings.offset_sigma.0 = v; }
     let mut found = Smooth { poses: Vec::new(), epochs: Vec::new() };
     for (index, epoch) in record.epochs.iter().enumerate() {
         let mut go_on = |progress: Progress| {
@@ -145,6 +149,7 @@ fn adjust(
     }
     let stamps = epoch.frames.iter().filter(|frame| frame.causal).map(|frame| frame.known.stamp);
     let poses = between::fill(bundle.keyframes(), stamps, &recording.imu, settings);
+    bundle.debug();
     report.wall_s = begun.elapsed().as_secs_f64();
     Ok(poses)
 }

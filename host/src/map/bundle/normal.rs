@@ -60,6 +60,19 @@ pub(super) struct Step {
     pub predicted: f64,
 }
 
+#[cfg(test)]
+impl Normal {
+    /// Slopes of the cost along all keyframes, and along the landmarks by index.
+    pub fn gradients(&self) -> (Vec<SVector<f64, WIDTH>>, Vec<(usize, Vector3<f64>)>) {
+        let mut keyframes = self.gradient.clone();
+        for ((gradient, by_body), (_, visual)) in keyframes.iter_mut().zip(&self.camera_by_body).zip(&self.cameras) {
+            let seen = gradient.fixed_rows::<6>(0) + by_body.tr_mul(visual);
+            gradient.fixed_rows_mut::<6>(0).copy_from(&seen);
+        }
+        (keyframes, self.landmarks.iter().map(|landmark| (landmark.index, landmark.gradient)).collect())
+    }
+}
+
 /// The rows of a landmark that no camera is in.
 fn plane_row(landmark: &Landmark, planes: &[Plane<f64>], settings: &BundleSettings) -> Option<(f64, Vector3<f64>)> {
     let plane = planes.get(landmark.plane?)?;
@@ -337,4 +350,15 @@ fn back_substitute(normal: &Normal, eliminated: &Eliminated, keyframes: &[[f64; 
         (landmark.index, -inverse.tr_mul(&whitened))
     });
     steps.collect()
+}
+
+impl Bundle {
+    /// Debug.
+    pub fn debug(&self) {
+        let total: f64 = self.links.iter().zip(self.keyframes.windows(2)).map(|(l, e)| l.cost(&self.settings, &e[0], &e[1])).sum();
+        let n = self.links.len() as f64;
+        let o: Vec<_> = self.keyframes.iter().map(|k| k.offset_residual().0).collect();
+        let rms = |k: usize| (o.iter().map(|o| o[k].norm_squared()).sum::<f64>() / (3.0 * o.len() as f64)).sqrt();
+        eprintln!("imu chi2 per link {:.3}; offsets rms {:.6} rad {:.6} m", total / n, rms(0), rms(1));
+    }
 }

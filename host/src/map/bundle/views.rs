@@ -105,3 +105,93 @@ pub(super) fn right_row(
     row.by_camera[2] += baseline_m * y;
     Some(row)
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use libella_core::factor::reprojection::CameraMount;
+    use libella_core::imu::NavState;
+    use nalgebra::{Isometry3, UnitQuaternion};
+
+    use super::*;
+
+    const RIGHT: (f64, f64) = (0.1, 0.5);
+
+    fn mount() -> Isometry3<f64> {
+        Isometry3::from_parts(Vector3::new(-0.02, -0.06, 0.01).into(), UnitQuaternion::from_euler_angles(0.02, 0.1, 1.5))
+    }
+
+    fn scene() -> (NavState<f64>, Vector3<f64>, NormalizedPoint<f64>, RightView) {
+        let mut delta = [0.0; 15];
+        delta[..6].copy_from_slice(&[0.3, -0.2, 0.1, 0.4, -0.5, 0.6]);
+        let state = NavState::origin().retract(&delta);
+        let landmark = state.pose() * mount() * nalgebra::Point3::new(0.4, -0.3, 2.5);
+        let point = NormalizedPoint { x: 0.17, y: -0.13, inverse_sigma: 800.0 };
+        (state, landmark.coords, point, RightView { x: 0.12, inverse_sigma: 300.0 })
+    }
+
+    fn seen_from(state: &NavState<f64>) -> PairGeometry<f64> {
+        from_world(&CameraPose::of(state, &mount()))
+    }
+
+    #[test]
+    fn slopes_match_central_differences_through_the_body() {
+        let (state, landmark, point, right) = scene();
+        let values = |state: &NavState<f64>, landmark: &Vector3<f64>| {
+            let pair = seen_from(state);
+            let left = residual(&pair, landmark, &point).unwrap();
+            [left.x, left.y, right_residual(&pair, landmark, &point, &right, RIGHT).unwrap()]
+        };
+        let pair = seen_from(&state);
+        let [x, y] = rows(&pair, &landmark, &point).unwrap();
+        let all = [x, y, right_row(&pair, &landmark, &point, &right, RIGHT).unwrap()];
+        let by_body = CameraMount::new(&mount()).d_camera_d_body(&CameraPose::of(&state, &mount()));
+        let step = 1e-6;
+        for (k, row) in all.iter().enumerate() {
+            assert!((row.residual - values(&state, &landmark)[k]).abs() < 1e-12);
+            for i in 0..6 {
+                let at = |step: f64| {
+                    let mut delta = [0.0; 15];
+                    delta[i] = step;
+                    values(&state.retract(&delta), &landmark)[k]
+                };
+                let slope: f64 = (0..6).map(|c| row.by_camera[c] * by_body[c][i]).sum();
+                assert!(((at(step) - at(-step)) / (2.0 * step) - slope).abs() < 1e-4, "{k} {i}");
+            }
+            for axis in 0..3 {
+                let at = |step: f64| values(&state, &(landmark + Vector3::ith(axis, step)))[k];
+                assert!(((at(step) - at(-step)) / (2.0 * step) - row.by_point[axis]).abs() < 1e-4, "{k} {axis}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_right_camera_sees_what_the_depth_says() {
+        let (state, landmark, _, _) = scene();
+        // The landmark is at (0.4, -0.3, 2.5) in the camera.
+        let point = NormalizedPoint { x: 0.16, y: -0.12, inverse_sigma: 800.0 };
+        let right = RightView::from_depth(&point, 0.1, 2.5, 4.0).unwrap();
+        assert!((right.x - 0.12).abs() < 1e-15);
+        // 0.25 m at 2.5 m: 0.1 · 0.25 / 6.25 = 0.004, beside 1/800.
+        assert!((right.inverse_sigma - (0.004_f64.powi(2) + 800.0_f64.powi(-2)).sqrt().recip()).abs() < 1e-9);
+        let at = |right| right_residual(&seen_from(&state), &landmark, &point, &right, (0.1, 1.0)).unwrap();
+        assert!(at(right).abs() < 1e-9);
+        // One standard deviation to the left, and α a quarter of it.
+        let off = RightView { x: right.x - right.inverse_sigma.recip(), ..right };
+        assert!((at(off) - 1.0).abs() < 1e-9);
+        let weak = right_residual(&seen_from(&state), &landmark, &point, &off, (0.1, 0.25)).unwrap();
+        assert!((weak - 0.5).abs() < 1e-9);
+        for depth in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(RightView::from_depth(&point, 0.1, depth, 4.0), None);
+        }
+    }
+
+    #[test]
+    fn nothing_is_seen_behind_the_camera() {
+        let (state, _, point, right) = scene();
+        let behind = (state.pose() * mount() * nalgebra::Point3::new(0.1, 0.1, -1.0)).coords;
+        let pair = seen_from(&state);
+        assert!(residual(&pair, &behind, &point).is_none() && rows(&pair, &behind, &point).is_none());
+        assert!(right_row(&pair, &behind, &point, &right, RIGHT).is_none());
+    }
+}

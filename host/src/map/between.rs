@@ -33,16 +33,15 @@ fn at(keyframes: &[Keyframe], stamp: Timestamp, samples: &[ImuSample<f64>], sett
     let next = keyframes.partition_point(|keyframe| keyframe.stamp < stamp);
     let to = keyframes.get(next)?;
     if to.stamp == stamp {
-        return Some(to.body());
+        return Some(to.state);
     }
     let from = keyframes.get(next.checked_sub(1)?)?;
-    let (start, end) = (from.body(), to.body());
     let carried = |until: Timestamp| {
         let pairs = pairs_between(samples, from.stamp, until);
         let integral = stretch::integrate(pairs, &settings.imu_noise, &settings.imu_range, from.state.bias);
-        integral.predict(&start, &settings.gravity_in_world)
+        integral.predict(&from.state, &settings.gravity_in_world)
     };
     let share = (stamp - from.stamp).as_seconds::<f64>() / (to.stamp - from.stamp).as_seconds::<f64>();
-    let missed = end.local(&carried(to.stamp));
+    let missed = to.state.local(&carried(to.stamp));
     Some(carried(stamp).retract(&missed.map(|value| value * share)))
 }

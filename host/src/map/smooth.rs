@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use libella_core::time::Span;
 use libella_core::track::TrackId;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::between::{self, SmoothPose};
@@ -90,11 +90,7 @@ pub fn smooth(
     stop: &AtomicBool,
     mut observe: impl FnMut(&Progress),
 ) -> Result<Option<Smooth>, Fault> {
-    let mut settings = BundleSettings::new(&config.estimator_config::<f64>(&recording.rig.imu_noise), recording.rig.body_from_camera);
-    let env = |name: &str| std::env::var(name).ok().and_then(|v| v.parse::<f64>().ok());
-    if let Some(v) = env("INFL") { settings.imu_noise = settings.imu_noise.with_white_scaled(v / 4.0); }
-    if let Some(v) = env("OP") { settings.offset_sigma.1 = v; }
-    if let Some(v) = env("OR") { settings.offset_sigma.0 = v; }
+    let settings = BundleSettings::new(&config.estimator_config::<f64>(&recording.rig.imu_noise), recording.rig.body_from_camera);
     let mut found = Smooth { poses: Vec::new(), epochs: Vec::new() };
     for (index, epoch) in record.epochs.iter().enumerate() {
         let mut go_on = |progress: Progress| {
@@ -149,7 +145,6 @@ fn adjust(
     }
     let stamps = epoch.frames.iter().filter(|frame| frame.causal).map(|frame| frame.known.stamp);
     let poses = between::fill(bundle.keyframes(), stamps, &recording.imu, settings);
-    bundle.debug();
     report.wall_s = begun.elapsed().as_secs_f64();
     Ok(poses)
 }
@@ -168,7 +163,7 @@ fn problem(epoch: &Epoch) -> (Vec<Keyframe>, Vec<Landmark>) {
         for corner in &frame.corners {
             tracks.entry(corner.track).or_default().push(LandmarkView::new(keyframes.len(), corner.point));
         }
-        keyframes.push(Keyframe { stamp: known.stamp, state: known.state, offset: Isometry3::identity(), at_rest: known.at_rest });
+        keyframes.push(Keyframe { stamp: known.stamp, state: known.state, at_rest: known.at_rest });
     }
     let several = tracks.into_values().filter(|views| views.len() > 2);
     let landmarks = several.map(|views| Landmark { position_in_world: Vector3::zeros(), used: false, views, plane: None });

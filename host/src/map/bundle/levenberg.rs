@@ -93,7 +93,7 @@ impl Bundle {
 
     fn take(&mut self, step: &super::normal::Step) {
         for (keyframe, delta) in self.keyframes.iter_mut().zip(&step.keyframes) {
-            *keyframe = keyframe.retract(delta);
+            keyframe.state = keyframe.state.retract(delta);
         }
         for (index, delta) in &step.landmarks {
             self.landmarks[*index].position_in_world += delta;

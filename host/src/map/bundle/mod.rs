@@ -1,14 +1,13 @@
 //! Full bundle adjustment: all keyframes and landmarks of a flight at once.
 //!
 //! # Model
-//! Keyframe `i` has the 15 numbers of a [`NavState`] and the six by which its image is off ([`inertial`]), landmark `l` the three of its position `x_l` in world, plane `(n, d)` is given.
+//! Keyframe `i` has the 15 numbers of a [`NavState`], landmark `l` the three of its position `x_l` in world, plane `(n, d)` is given.
 //! Gravity is known and world z is up. The cost is half the sum of
 //! ```text
 //! ‖W r(x_i, x_i+1)‖²                inertial samples between neighbours, and the random walk of the biases (core: factor::imu)
 //! ρ(‖s (π(T_CW x_l) − z)‖²)         a corner (core: factor::reprojection), ρ of Huber
 //! ρ(α s² (u(T_C'W x_l) − u')²)      its column in the virtual right view, where a network tells a depth
 //! ρ(β (nᵀx_l + d)² / σ²)            a landmark on a plane (core: plane::Plane)
-//! ‖r_o,i‖²                          how far the image is from where the samples are
 //! ‖v_i / σ_rest‖²                   a body found at rest
 //! ‖b_0 / σ_b‖²                      biases of the first keyframe, as the estimator expects them before it has seen anything
 //! ```
@@ -80,12 +79,6 @@ pub enum BundleError {
     Solver(String),
 }
 
-/// Numbers of a keyframe: `[δφ δp δv δb_g δb_a δo]`.
-const WIDTH: usize = 21;
-/// A stamp that is a millisecond off is a millimetre at a metre a second, and a milliradian at a radian a second: what flies
-/// indoors does both.
-const TURN_PER_WAY_RAD_M: f64 = 1.0;
-
 /// What the factors have in common.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BundleSettings {
@@ -97,8 +90,6 @@ pub struct BundleSettings {
     pub imu_noise: ImuNoise<f64>,
     /// Largest readings.
     pub imu_range: ImuRange<f64>,
-    /// How far an image may be from where the inertial samples have it, rad and m.
-    pub offset_sigma: (f64, f64),
     /// Cost of a whitened observation.
     pub kernel: Kernel<f64>,
     /// Squared whitened residual over which an observation is taken out between rounds.
@@ -127,7 +118,6 @@ impl BundleSettings {
             body_from_camera,
             imu_noise: config.inflated_noise(),
             imu_range: ImuRange { gyro_rad_s: config.gyro_range_rad_s, accel_m_s2: config.accel_range_m_s2 },
-            offset_sigma: (config.position_jitter_m * TURN_PER_WAY_RAD_M, config.position_jitter_m),
             kernel: Kernel::huber(config.huber * config.huber),
             outlier_chi2: config.outlier_chi2,
             rest_sigma_m_s: config.rest_sigma_m_s,
@@ -145,10 +135,8 @@ impl BundleSettings {
 pub struct Keyframe {
     /// When.
     pub stamp: Timestamp,
-    /// Pose of the body as the image has it, velocity and biases.
+    /// Pose, velocity and biases.
     pub state: NavState<f64>,
-    /// By how much that is off: rotation on the right, translation in world.
-    pub offset: Isometry3<f64>,
     /// Whether the body was found at rest.
     pub at_rest: bool,
 }

@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::sparse::{Band, Pose, Whole};
 use super::views::{Row, from_world, residual, right_residual, right_row, rows};
-use super::{Bundle, BundleError, BundleSettings, Landmark, LandmarkView, WIDTH};
+use super::{Bundle, BundleError, BundleSettings, Landmark, LandmarkView};
 use libella_core::factor::reprojection::PairGeometry;
 use libella_core::plane::Plane;
 
@@ -36,7 +36,7 @@ pub(super) struct Normal {
     /// What concerns single bodies and neighbours.
     own: Vec<Whole>,
     successors: Vec<Whole>,
-    gradient: Vec<SVector<f64, WIDTH>>,
+    gradient: Vec<SVector<f64, 15>>,
     /// The landmarks that take part, and their views one after the other.
     landmarks: Vec<LandmarkNormal>,
     views: Vec<(usize, Coupling)>,
@@ -53,7 +53,7 @@ struct LandmarkNormal {
 /// A step and what the linear model says of it.
 #[derive(Debug)]
 pub(super) struct Step {
-    pub keyframes: Vec<[f64; WIDTH]>,
+    pub keyframes: Vec<[f64; 15]>,
     /// By index.
     pub landmarks: Vec<(usize, Vector3<f64>)>,
     /// How far the cost should fall.
@@ -63,7 +63,7 @@ pub(super) struct Step {
 #[cfg(test)]
 impl Normal {
     /// Slopes of the cost along all keyframes, and along the landmarks by index.
-    pub fn gradients(&self) -> (Vec<SVector<f64, WIDTH>>, Vec<(usize, Vector3<f64>)>) {
+    pub fn gradients(&self) -> (Vec<SVector<f64, 15>>, Vec<(usize, Vector3<f64>)>) {
         let mut keyframes = self.gradient.clone();
         for ((gradient, by_body), (_, visual)) in keyframes.iter_mut().zip(&self.camera_by_body).zip(&self.cameras) {
             let seen = gradient.fixed_rows::<6>(0) + by_body.tr_mul(visual);
@@ -105,12 +105,7 @@ impl Bundle {
             }
         }
         for (link, ends) in self.links.iter().zip(self.keyframes.windows(2)) {
-            total += link.cost(&self.settings, &ends[0], &ends[1]);
-        }
-        let (turn, shift) = self.settings.offset_sigma;
-        for keyframe in &self.keyframes {
-            let ([turned, shifted], _) = keyframe.offset_residual();
-            total += turned.norm_squared() / (turn * turn) + shifted.norm_squared() / (shift * shift);
+            total += link.cost(&self.settings, &ends[0].state, &ends[1].state);
         }
         for keyframe in self.keyframes.iter().filter(|keyframe| keyframe.at_rest) {
             total += keyframe.state.velocity_in_world.norm_squared() / self.settings.rest_sigma_m_s.powi(2);
@@ -142,8 +137,8 @@ impl Bundle {
             self.add_landmark(index, landmark, &pairs, &mut normal);
         }
         for (i, (link, ends)) in self.links.iter().zip(self.keyframes.windows(2)).enumerate() {
-            let linear = link.linearize(&self.settings, &ends[0], &ends[1]);
-            let (from, to) = (&linear.by_from, &linear.by_to);
+            let linear = link.linearize(&self.settings, &ends[0].state, &ends[1].state);
+            let (from, to) = (&linear.d_residual_d_from, &linear.d_residual_d_to);
             normal.own[i] += from.tr_mul(from);
             normal.own[i + 1] += to.tr_mul(to);
             normal.successors[i] += to.tr_mul(from);
@@ -156,23 +151,16 @@ impl Bundle {
         normal
     }
 
-    /// Offsets, rest and the first biases.
+    /// Rest and the first biases.
     fn add_single_states(&self, normal: &mut Normal) {
-        let mut add_sloped = |i: usize, at: usize, value: &Vector3<f64>, slope: &Matrix3<f64>, sigma: f64| {
+        let mut add = |i: usize, at: usize, value: &Vector3<f64>, sigma: f64| {
             let weight = (sigma * sigma).recip();
-            let block = normal.own[i].fixed_view::<3, 3>(at, at) + slope.tr_mul(slope) * weight;
-            normal.own[i].fixed_view_mut::<3, 3>(at, at).copy_from(&block);
-            let part = normal.gradient[i].fixed_rows::<3>(at) + slope.tr_mul(value) * weight;
-            normal.gradient[i].fixed_rows_mut::<3>(at).copy_from(&part);
+            for axis in 0..3 {
+                normal.own[i][(at + axis, at + axis)] += weight;
+                normal.gradient[i][at + axis] += weight * value[axis];
+            }
             normal.cost += weight * value.norm_squared();
         };
-        let (turn, shift) = self.settings.offset_sigma;
-        for (i, keyframe) in self.keyframes.iter().enumerate() {
-            let ([turned, shifted], slope) = keyframe.offset_residual();
-            add_sloped(i, 15, &turned, &slope, turn);
-            add_sloped(i, 18, &shifted, &Matrix3::identity(), shift);
-        }
-        let mut add = |i: usize, at: usize, value: &Vector3<f64>, sigma: f64| add_sloped(i, at, value, &Matrix3::identity(), sigma);
         for (i, keyframe) in self.keyframes.iter().enumerate().filter(|(_, keyframe)| keyframe.at_rest) {
             add(i, 6, &keyframe.state.velocity_in_world, self.settings.rest_sigma_m_s);
         }
@@ -233,7 +221,7 @@ impl Bundle {
         let to_body = |i: usize, j: usize, block: &Pose| normal.camera_by_body[i].tr_mul(&(block * normal.camera_by_body[j]));
         let (mut own, mut successors) = (normal.own.clone(), normal.successors.clone());
         let (mut diagonals, mut gradients) = (Vec::with_capacity(count), normal.gradient.clone());
-        let mut right = vec![0.0; WIDTH * count];
+        let mut right = vec![0.0; 15 * count];
         for i in 0..count {
             let mut diagonal = normal.own[i].diagonal();
             let before = to_body(i, i, &normal.cameras[i].0).diagonal();
@@ -245,7 +233,7 @@ impl Bundle {
                 own[i][(k, k)] += damping * value;
             }
             let visual = normal.camera_by_body[i].tr_mul(&reduced[i]);
-            for (k, slot) in right[WIDTH * i..WIDTH * (i + 1)].iter_mut().enumerate() {
+            for (k, slot) in right[15 * i..15 * i + 15].iter_mut().enumerate() {
                 *slot = -normal.gradient[i][k] - visual.get(k).copied().unwrap_or(0.0);
             }
             let seen = gradients[i].fixed_rows::<6>(0) + normal.camera_by_body[i].tr_mul(&normal.cameras[i].1);
@@ -266,7 +254,7 @@ impl Bundle {
         if !self.structure.solve(&own, &successors, &band, &mut right)? {
             return Ok(None);
         }
-        let mut keyframes = vec![[0.0; WIDTH]; count];
+        let mut keyframes = vec![[0.0; 15]; count];
         keyframes.as_flattened_mut().copy_from_slice(&right);
         let mut predicted = 0.0;
         for (step, (gradient, diagonal)) in keyframes.iter().zip(gradients.iter().zip(&diagonals)) {
@@ -306,7 +294,7 @@ impl Bundle {
     }
 
     /// The first position and heading stay.
-    fn fix_gauge(&self, own: &mut Whole, diagonal: &SVector<f64, WIDTH>) {
+    fn fix_gauge(&self, own: &mut Whole, diagonal: &SVector<f64, 15>) {
         let vertical = self.keyframes[0].state.world_from_body.inverse() * Vector3::z();
         let (turn, shift) = (diagonal.fixed_rows::<3>(0).max(), diagonal.fixed_rows::<3>(3).max());
         for r in 0..3 {
@@ -335,7 +323,7 @@ fn subtract_product(block: &mut Pose, a: &Coupling, b: &Coupling) {
     }
 }
 
-fn back_substitute(normal: &Normal, eliminated: &Eliminated, keyframes: &[[f64; WIDTH]]) -> Vec<(usize, Vector3<f64>)> {
+fn back_substitute(normal: &Normal, eliminated: &Eliminated, keyframes: &[[f64; 15]]) -> Vec<(usize, Vector3<f64>)> {
     let cameras: Vec<_> = normal
         .camera_by_body
         .iter()
@@ -350,15 +338,4 @@ fn back_substitute(normal: &Normal, eliminated: &Eliminated, keyframes: &[[f64; 
         (landmark.index, -inverse.tr_mul(&whitened))
     });
     steps.collect()
-}
-
-impl Bundle {
-    /// Debug.
-    pub fn debug(&self) {
-        let total: f64 = self.links.iter().zip(self.keyframes.windows(2)).map(|(l, e)| l.cost(&self.settings, &e[0], &e[1])).sum();
-        let n = self.links.len() as f64;
-        let o: Vec<_> = self.keyframes.iter().map(|k| k.offset_residual().0).collect();
-        let rms = |k: usize| (o.iter().map(|o| o[k].norm_squared()).sum::<f64>() / (3.0 * o.len() as f64)).sqrt();
-        eprintln!("imu chi2 per link {:.3}; offsets rms {:.6} rad {:.6} m", total / n, rms(0), rms(1));
-    }
 }

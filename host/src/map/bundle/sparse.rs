@@ -1,7 +1,7 @@
 //! The reduced normal equations as a sparse matrix, factorised by faer.
 //!
 //! # Layout
-//! `WIDTH` columns a keyframe, the lower triangle by columns. Column `c` of keyframe `j` holds the rest of its own block, the whole block of
+//! Fifteen columns a keyframe, the lower triangle by columns. Column `c` of keyframe `j` holds the rest of its own block, the whole block of
 //! its successor (the inertial factor), and of every later keyframe that sees a landmark of `j` the pose, where `c` belongs to the pose.
 //! What is never touched is no entry, so the pattern depends on who sees what alone: it is analysed once.
 
@@ -11,10 +11,10 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 use nalgebra::SMatrix;
 
-use super::{BundleError, Landmark, WIDTH};
+use super::{BundleError, Landmark};
 
 pub(super) type Pose = SMatrix<f64, 6, 6>;
-pub(super) type Whole = SMatrix<f64, WIDTH, WIDTH>;
+pub(super) type Whole = SMatrix<f64, 15, 15>;
 
 /// Who is coupled with whom, and the analysed pattern.
 #[derive(Debug)]
@@ -62,18 +62,18 @@ impl Structure {
         let later: Vec<_> = (0..keyframes).map(later).collect();
         let (mut col_ptr, mut row_idx) = (vec![0], Vec::new());
         for (j, later) in later.iter().enumerate() {
-            for c in 0..WIDTH {
-                row_idx.extend(WIDTH * j + c..WIDTH * (j + 1));
+            for c in 0..15 {
+                row_idx.extend(15 * j + c..15 * j + 15);
                 if j + 1 < keyframes {
-                    row_idx.extend(WIDTH * (j + 1)..WIDTH * (j + 2));
+                    row_idx.extend(15 * (j + 1)..15 * (j + 2));
                 }
                 if c < 6 {
-                    row_idx.extend(later.iter().filter(|i| **i > j + 1).flat_map(|i| WIDTH * i..WIDTH * i + 6));
+                    row_idx.extend(later.iter().filter(|i| **i > j + 1).flat_map(|i| 15 * i..15 * i + 6));
                 }
                 col_ptr.push(row_idx.len());
             }
         }
-        let size = WIDTH * keyframes;
+        let size = 15 * keyframes;
         let pattern = SymbolicSparseColMatRef::new_checked(size, size, &col_ptr, None, &row_idx);
         let symbolic =
             factorize_symbolic_cholesky(pattern, Side::Lower, SymmetricOrdering::Amd, CholeskySymbolicParams::default()).map_err(failed)?;
@@ -105,7 +105,7 @@ impl Structure {
     pub fn solve(&self, own: &[Whole], successors: &[Whole], band: &Band, right: &mut [f64]) -> Result<bool, BundleError> {
         let mut values = Vec::with_capacity(self.row_idx.len());
         for (j, later) in self.later.iter().enumerate() {
-            for c in 0..WIDTH {
+            for c in 0..15 {
                 values.extend_from_slice(&own[j].column(c).as_slice()[c..]);
                 if let Some(successor) = successors.get(j) {
                     values.extend_from_slice(successor.column(c).as_slice());

@@ -9,7 +9,7 @@ use libella_core::window::{CameraPose, NormalizedPoint};
 use nalgebra::{Isometry3, UnitQuaternion, UnitVector3, Vector3};
 
 use super::views::from_world;
-use super::{Bundle, BundleError, BundleSettings, Keyframe, Landmark, LandmarkView, RightView, WIDTH, pairs_between};
+use super::{Bundle, BundleError, BundleSettings, Keyframe, Landmark, LandmarkView, RightView, pairs_between};
 use crate::config::Config;
 use crate::sim::random::Random;
 use crate::sim::{AnalyticConfig, FeatureConfig, ImuConfig, MotionKind, Recording, SimulationConfig, simulate_with_landmarks};
@@ -67,7 +67,7 @@ fn world(kernel: Kernel<f64>) -> World {
             let right = RightView::from_depth(&point, settings.virtual_baseline_m, at.z, 10.0);
             landmark.views.push(LandmarkView { right, ..LandmarkView::new(keyframes.len(), point) });
         }
-        keyframes.push(Keyframe { stamp: frame.stamp, state, offset: Isometry3::identity(), at_rest: false });
+        keyframes.push(Keyframe { stamp: frame.stamp, state, at_rest: false });
     }
     landmarks.retain(|landmark| landmark.views.len() > 3);
     World { settings, keyframes, landmarks, planes: vec![floor], recording }
@@ -82,12 +82,12 @@ impl World {
     fn disturb(&mut self, scale: f64) {
         let mut random = Random::new(5, "disturbance");
         for (k, keyframe) in self.keyframes.iter_mut().enumerate() {
-            let sigmas = [0.01, 0.03, 0.05, 0.002, 0.02, 1e-3, 1e-3];
-            let mut delta: [f64; WIDTH] = std::array::from_fn(|i| scale * random.normal() * sigmas[i / 3]);
+            let sigmas = [0.01, 0.03, 0.05, 0.002, 0.02];
+            let mut delta: [f64; 15] = std::array::from_fn(|i| scale * random.normal() * sigmas[i / 3]);
             if k == 0 {
                 delta[..6].fill(0.0);
             }
-            *keyframe = keyframe.retract(&delta);
+            keyframe.state = keyframe.state.retract(&delta);
         }
         for landmark in &mut self.landmarks {
             landmark.position_in_world += random.normal3() * (0.05 * scale);
@@ -97,7 +97,7 @@ impl World {
 
 fn farthest(bundle: &Bundle, truth: &World) -> (f64, f64) {
     let states = bundle.keyframes().iter().zip(&truth.keyframes).map(|(found, truth)| {
-        found.state.local(&truth.state).into_iter().chain(found.body().local(&truth.state)).fold(0.0, |most: f64, value| most.max(value.abs()))
+        found.state.local(&truth.state).into_iter().fold(0.0, |most: f64, value| most.max(value.abs()))
     });
     let landmarks = bundle.landmarks().iter().zip(&truth.landmarks).map(|(a, b)| (a.position_in_world - b.position_in_world).norm());
     (states.fold(0.0, f64::max), landmarks.fold(0.0, f64::max))
@@ -157,18 +157,18 @@ fn slopes_of_the_whole_are_those_of_the_cost() {
         let (keyframes, landmarks) = bundle.linearize().gradients();
         let step = 1e-6;
         for k in [0, 1, 7, 20, bundle.keyframes.len() - 1] {
-            let saved = bundle.keyframes[k];
-            for i in 0..WIDTH {
+            let saved = bundle.keyframes[k].state;
+            for i in 0..15 {
                 let mut cost = |step: f64| {
-                    let mut delta = [0.0; WIDTH];
+                    let mut delta = [0.0; 15];
                     delta[i] = step;
-                    bundle.keyframes[k] = saved.retract(&delta);
+                    bundle.keyframes[k].state = saved.retract(&delta);
                     bundle.cost()
                 };
                 let numerical = (cost(step) - cost(-step)) / (2.0 * step);
                 assert!((numerical - keyframes[k][i]).abs() < 1e-3 + 1e-4 * numerical.abs(), "{k} {i}: {numerical} {}", keyframes[k][i]);
             }
-            bundle.keyframes[k] = saved;
+            bundle.keyframes[k].state = saved;
         }
         for (index, slope) in landmarks.into_iter().step_by(9) {
             let saved = bundle.landmarks[index].position_in_world;
@@ -221,7 +221,6 @@ fn the_first_position_and_heading_stay_and_the_rest_may_turn_with_the_world() {
             velocity_in_world: turn * keyframe.state.velocity_in_world,
             ..keyframe.state
         };
-        keyframe.offset.translation.vector = turn * keyframe.offset.translation.vector;
     }
     for landmark in &mut disturbed.landmarks {
         landmark.position_in_world = moved * nalgebra::Point3::from(landmark.position_in_world) - nalgebra::Point3::origin();

@@ -3,11 +3,12 @@
 //! At rest, gravity and the gyro bias are read off the inertial samples and one frame is enough. In motion, frames are
 //! collected at a fixed spacing until velocity, gravity and scale can be told from them together.
 
+use heapless::Vec;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::{Estimator, FrameOutcome, Health, StepBudget, Waiting};
 use crate::camera::Camera;
-use crate::imu::{NavState, Preintegration};
+use crate::imu::{ImuBias, NavState, Preintegration};
 use crate::init::{InertialLink, InitConfig, InitError, MAX_INIT_FRAMES, RestConfig, detect_rest, initialise_moving};
 use crate::real::Real;
 use crate::solve::add_initial;
@@ -112,56 +113,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         if frames < 5 || (last.stamp - first.stamp).as_seconds::<T>() < self.config.shortest_initialisation_s {
             return Err(Waiting::Tracks);
         }
-        let mut states = [NavState::origin(); MAX_INIT_FRAMES];
-        let mut integrated_at = self.window.frames[0].state.bias;
-        // A second round integrates at the bias that the first one found.
-        for round in 0..2 {
-            let empty = InertialLink::from(&Preintegration::new(integrated_at));
-            let mut links = [empty; MAX_INIT_FRAMES];
-            for (link, frame) in links.iter_mut().zip(self.window.frames.iter().skip(1)) {
-                *link = InertialLink::from(&frame.from_previous);
-            }
-            let config = InitConfig {
-                sigma_px: self.config.sigma_px,
-                focal_px: self.camera.focal_px(),
-                gravity_m_s2: self.config.gravity_m_s2,
-                maximum_scale_sigma: self.config.initialisation_scale_sigma,
-                ..InitConfig::default()
-            };
-            let landmarks = &self.window.landmarks;
-            let bearings = (landmarks.len(), |landmark: usize, frame: usize| {
-                let point = landmarks.get(landmark)?.point(frame)?;
-                Some(Vector3::new(point.x, point.y, T::one()).normalize())
-            });
-            let found = initialise_moving(
-                &config,
-                &self.settings.body_from_camera,
-                &links[..frames - 1],
-                &bearings,
-                &mut self.init_landmarks,
-                &mut states[..frames],
-            );
-            let alignment = match found {
-                Ok(alignment) => alignment,
-                Err(error) => {
-                    self.report.init_error = Some(error);
-                    return Err(waiting_for(&error));
-                }
-            };
-            let moved = (alignment.bias.gyro_rad_s - integrated_at.gyro_rad_s).norm();
-            integrated_at = alignment.bias;
-            for i in 1..frames {
-                let (from, to) = (self.window.frames[i - 1].stamp, self.window.frames[i].stamp);
-                if self.inertial.covers(from, to) {
-                    self.window.frames[i].from_previous = self.inertial.integrate(&self.noise, integrated_at, from, to);
-                }
-            }
-            if round == 1 || moved < T::of(0.02) {
-                break;
-            }
-        }
-        for (frame, state) in self.window.frames.iter_mut().zip(&states) {
-            frame.state = *state;
+        let origin = self.align()?;
+        for frame in &mut self.window.frames {
             frame.keyframe = true;
         }
         for frame in self.window.frames.iter_mut().rev().take(super::sliding::RECENT) {
@@ -172,8 +125,6 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         }
         let sigma = self.config.first_sigma;
         let first = [sigma.tilt_rad, sigma.velocity_m_s, sigma.gyro_bias_rad_s, sigma.accel_bias_m_s2];
-        let mut origin = states[0];
-        origin.bias.accel_m_s2 = Vector3::zeros();
         self.begin(&origin, first);
         for _ in 0..2 {
             self.activate_landmarks(true);
@@ -195,7 +146,63 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         Ok(())
     }
 
+    /// Finds the states of all frames, and returns the one that the world begins at.
+    // Out of line: this memory is given back before the solution needs its own.
+    #[inline(never)]
+    fn align(&mut self) -> Result<NavState<T>, Waiting> {
+        let frames = self.window.frames.len();
+        let mut states = [NavState::origin(); FRAMES];
+        let mut integrated_at = self.window.frames[0].state.bias;
+        // A second round integrates at the bias that the first one found.
+        for round in 0..2 {
+            let bias = self.align_once(&mut states)?;
+            let moved = (bias.gyro_rad_s - integrated_at.gyro_rad_s).norm();
+            integrated_at = bias;
+            for i in 1..frames {
+                let (from, to) = (self.window.frames[i - 1].stamp, self.window.frames[i].stamp);
+                if self.inertial.covers(from, to) {
+                    self.window.frames[i].from_previous = self.inertial.integrate(&self.noise, bias, from, to);
+                }
+            }
+            if round == 1 || moved < T::of(0.02) {
+                break;
+            }
+        }
+        for (frame, state) in self.window.frames.iter_mut().zip(&states) {
+            frame.state = *state;
+        }
+        let mut origin = states[0];
+        origin.bias.accel_m_s2 = Vector3::zeros();
+        Ok(origin)
+    }
+
+    /// The states at the integrals as they are, and the biases that go with them.
+    #[inline(never)]
+    fn align_once(&mut self, states: &mut [NavState<T>; FRAMES]) -> Result<ImuBias<T>, Waiting> {
+        let mut links = Vec::<InertialLink<T>, FRAMES>::new();
+        links.extend(self.window.frames.iter().skip(1).map(|frame| InertialLink::from(&frame.from_previous)));
+        let config = InitConfig {
+            sigma_px: self.config.sigma_px,
+            focal_px: self.camera.focal_px(),
+            gravity_m_s2: self.config.gravity_m_s2,
+            maximum_scale_sigma: self.config.initialisation_scale_sigma,
+            ..InitConfig::default()
+        };
+        let landmarks = &self.window.landmarks;
+        let bearings = (landmarks.len(), |landmark: usize, frame: usize| {
+            let point = landmarks.get(landmark)?.point(frame)?;
+            Some(Vector3::new(point.x, point.y, T::one()).normalize())
+        });
+        let extrinsics = &self.settings.body_from_camera;
+        let found = initialise_moving::<FRAMES, _, _>(&config, extrinsics, &links, &bearings, &mut self.init_landmarks, states);
+        found.map(|alignment| alignment.bias).map_err(|error| {
+            self.report.init_error = Some(error);
+            waiting_for(&error)
+        })
+    }
+
     /// Makes the first frame's state the origin of the world: `sigma` of tilt, velocity, gyro bias, accelerometer bias.
+    #[inline(never)]
     fn begin(&mut self, origin: &NavState<T>, sigma: [T; 4]) {
         let inverse = |value: T| T::one() / value;
         let gauge = T::of(1.0 / GAUGE_SIGMA);

@@ -21,7 +21,7 @@
 
 use nalgebra::{Isometry3, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-use super::chain::{Chain, InertialLink, MAX_INIT_FRAMES, Node};
+use super::chain::{InertialLink, Node, walk};
 use super::config::InitConfig;
 use super::gyro_bias::cauchy;
 use super::median::Histogram;
@@ -69,8 +69,14 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// `p_i` of the body in its first frame, and its derivative, 3×14.
-    pub(super) fn body(&self, node: &Node<T>) -> (Vector3<T>, Row<T>) {
+    /// `p_i` of the body in its first frame.
+    pub(super) fn position(&self, node: &Node<T>) -> Vector3<T> {
+        let half_squared = node.time_s * node.time_s * T::of(0.5);
+        self.velocity * node.time_s + self.gravity * half_squared + node.position + node.d_position_d_drift * self.drift
+    }
+
+    /// Its derivative, 3×14.
+    pub(super) fn d_position(&self, node: &Node<T>) -> Row<T> {
         let half_squared = node.time_s * node.time_s * T::of(0.5);
         let magnitude = self.gravity.norm();
         let mut d_position = Row::zeros();
@@ -80,51 +86,103 @@ impl<T: Real> Motion<T> {
         d_position.fixed_columns_mut::<3>(ACCEL).copy_from(&node.d_position_d_bias.fixed_columns::<3>(3));
         d_position.fixed_columns_mut::<3>(GYRO).copy_from(&node.d_position_d_bias.fixed_columns::<3>(0));
         d_position.fixed_columns_mut::<3>(DRIFT).copy_from(&node.d_position_d_drift);
-        (self.velocity * node.time_s + self.gravity * half_squared + node.position + node.d_position_d_drift * self.drift, d_position)
+        d_position
     }
 }
 
 /// A camera of the chain in the first body frame.
 #[derive(Clone, Copy)]
-pub(super) struct View<T: Real> {
+pub(super) struct Pose<T: Real> {
+    pub time_s: T,
     pub first_from_camera: Matrix3<T>,
     pub centre: Vector3<T>,
+}
+
+impl<T: Real> Pose<T> {
+    fn of(motion: &Motion<T>, node: &Node<T>, body_from_camera: &Isometry3<T>) -> Self {
+        let first_from_body = node.first_from_body.to_rotation_matrix().into_inner();
+        Self {
+            time_s: node.time_s,
+            first_from_camera: first_from_body * body_from_camera.rotation.to_rotation_matrix().into_inner(),
+            centre: motion.position(node) + first_from_body * body_from_camera.translation.vector,
+        }
+    }
+}
+
+/// The same with its derivatives.
+#[derive(Clone, Copy)]
+pub(super) struct View<T: Real> {
+    pub pose: Pose<T>,
     d_centre: Row<T>,
     /// `R_CB φ`, 3×3: turn of the camera about its own axes by the gyro bias.
     d_turn: Matrix3<T>,
 }
 
+impl<T: Real> View<T> {
+    fn of(motion: &Motion<T>, node: &Node<T>, body_from_camera: &Isometry3<T>) -> Self {
+        let first_from_body = node.first_from_body.to_rotation_matrix().into_inner();
+        let mut d_centre = motion.d_position(node);
+        let mut gyro = d_centre.fixed_columns_mut::<3>(GYRO);
+        gyro -= first_from_body * so3::hat(&body_from_camera.translation.vector) * node.d_rotation_d_gyro;
+        Self {
+            pose: Pose::of(motion, node, body_from_camera),
+            d_centre,
+            d_turn: body_from_camera.rotation.to_rotation_matrix().into_inner().transpose() * node.d_rotation_d_gyro,
+        }
+    }
+}
+
 /// All cameras at one set of parameters.
-pub(super) struct Views<T: Real> {
-    views: [View<T>; MAX_INIT_FRAMES],
+pub(super) struct Poses<T: Real, const FRAMES: usize> {
+    poses: [Pose<T>; FRAMES],
     count: usize,
 }
 
-impl<T: Real> Views<T> {
-    pub(super) fn new(motion: &Motion<T>, links: &[InertialLink<T>], body_from_camera: &Isometry3<T>) -> Self {
-        let chain = Chain::new(links, &motion.bias);
-        let body_from_camera_turn = body_from_camera.rotation.to_rotation_matrix().into_inner();
-        let lever = body_from_camera.translation.vector;
-        let empty =
-            View { first_from_camera: Matrix3::identity(), centre: Vector3::zeros(), d_centre: Row::zeros(), d_turn: Matrix3::zeros() };
-        let mut views = [empty; MAX_INIT_FRAMES];
-        for (view, node) in views.iter_mut().zip(chain.nodes()) {
-            let first_from_body = node.first_from_body.to_rotation_matrix().into_inner();
-            let (position, mut d_centre) = motion.body(node);
-            let mut gyro = d_centre.fixed_columns_mut::<3>(GYRO);
-            gyro -= first_from_body * so3::hat(&lever) * node.d_rotation_d_gyro;
-            *view = View {
-                first_from_camera: first_from_body * body_from_camera_turn,
-                centre: position + first_from_body * lever,
-                d_centre,
-                d_turn: body_from_camera_turn.transpose() * node.d_rotation_d_gyro,
-            };
-        }
-        Self { views, count: chain.nodes().len() }
+impl<T: Real, const FRAMES: usize> Poses<T, FRAMES> {
+    pub(super) fn empty() -> Self {
+        let pose = Pose { time_s: T::ZERO, first_from_camera: Matrix3::identity(), centre: Vector3::zeros() };
+        Self { poses: [pose; FRAMES], count: 0 }
+    }
+
+    #[inline(never)]
+    pub(super) fn fill(&mut self, motion: &Motion<T>, links: &[InertialLink<T>], body_from_camera: &Isometry3<T>) {
+        self.count = (links.len() + 1).min(FRAMES);
+        walk(links, &motion.bias, |frame, node| {
+            if let Some(pose) = self.poses.get_mut(frame) {
+                *pose = Pose::of(motion, node, body_from_camera);
+            }
+        });
+    }
+
+    pub(super) fn as_slice(&self) -> &[Pose<T>] {
+        self.poses.get(..self.count).unwrap_or_default()
+    }
+}
+
+/// The same with their derivatives.
+pub(super) struct Views<T: Real, const FRAMES: usize> {
+    views: [View<T>; FRAMES],
+    count: usize,
+}
+
+impl<T: Real, const FRAMES: usize> Views<T, FRAMES> {
+    pub(super) fn empty() -> Self {
+        let pose = Pose { time_s: T::ZERO, first_from_camera: Matrix3::identity(), centre: Vector3::zeros() };
+        Self { views: [View { pose, d_centre: Row::zeros(), d_turn: Matrix3::zeros() }; FRAMES], count: 0 }
+    }
+
+    #[inline(never)]
+    pub(super) fn fill(&mut self, motion: &Motion<T>, links: &[InertialLink<T>], body_from_camera: &Isometry3<T>) {
+        self.count = (links.len() + 1).min(FRAMES);
+        walk(links, &motion.bias, |frame, node| {
+            if let Some(view) = self.views.get_mut(frame) {
+                *view = View::of(motion, node, body_from_camera);
+            }
+        });
     }
 
     pub(super) fn as_slice(&self) -> &[View<T>] {
-        &self.views[..self.count]
+        self.views.get(..self.count).unwrap_or_default()
     }
 }
 
@@ -139,8 +197,8 @@ pub(super) struct Linear<T: Real> {
 
 /// `None` when the point is not in front of the camera.
 pub(super) fn residual<T: Real>(
-    anchor: &View<T>,
-    view: &View<T>,
+    anchor: &Pose<T>,
+    view: &Pose<T>,
     u: &Vector3<T>,
     rho: T,
     f: &Vector3<T>,
@@ -158,6 +216,7 @@ pub(super) fn linearize<T: Real>(
     rho: T,
     f: &Vector3<T>,
 ) -> Option<Linear<T>> {
+    let (View { pose: anchor, d_centre: d_anchor, d_turn: d_anchor_turn }, View { pose: view, d_centre, d_turn }) = (anchor, view);
     let (residual, h, depth) = residual(anchor, view, u, rho, f)?;
     let d_h = (across(f).transpose() - residual * f.transpose()) / depth;
     let camera_from_first = view.first_from_camera.transpose();
@@ -167,9 +226,9 @@ pub(super) fn linearize<T: Real>(
     let mut d_motion = SMatrix::zeros();
     if !is_anchor {
         d_landmark.set_column(2, &(d_h_first * (anchor.centre - view.centre)));
-        d_motion = d_h_first * (anchor.d_centre - view.d_centre) * rho;
+        d_motion = d_h_first * (d_anchor - d_centre) * rho;
         let mut gyro = d_motion.fixed_columns_mut::<3>(GYRO);
-        gyro += d_h * so3::hat(&h) * view.d_turn - d_h_first * anchor.first_from_camera * so3::hat(u) * anchor.d_turn;
+        gyro += d_h * so3::hat(&h) * d_turn - d_h_first * anchor.first_from_camera * so3::hat(u) * d_anchor_turn;
     }
     Some(Linear { residual, d_motion, d_landmark })
 }
@@ -185,8 +244,8 @@ pub(super) struct Refined<T: Real> {
     pub is_converged: bool,
 }
 
-/// The problem that does not change while it is solved.
-pub(super) struct Problem<'a, T: Real, B> {
+/// The problem that does not change while it is solved. At most `FRAMES` frames.
+pub(super) struct Problem<'a, T: Real, B, const FRAMES: usize> {
     pub config: &'a InitConfig<T>,
     pub body_from_camera: &'a Isometry3<T>,
     pub links: &'a [InertialLink<T>],
@@ -200,7 +259,7 @@ struct LandmarkEquations<T: Real> {
     cross: SMatrix<T, PARAMETERS, 3>,
 }
 
-impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
+impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
     /// Precision of the parameters before any bearing: `[v₀ δg b_a b_g]`.
     fn prior(&self) -> Gradient<T> {
         let precision = |sigma: T| T::one() / (sigma * sigma);
@@ -222,17 +281,19 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         x
     }
 
+    #[inline(never)]
     fn cost(&self, motion: &Motion<T>, landmarks: &[InitLandmark<T>], width: T) -> T {
-        let views = Views::new(motion, self.links, self.body_from_camera);
+        let mut poses = Poses::<T, FRAMES>::empty();
+        poses.fill(motion, self.links, self.body_from_camera);
         let x = Self::from_prior(motion);
         let mut cost = x.component_mul(&x).dot(&self.prior());
         let variance = self.config.sigma_rad() * self.config.sigma_rad();
         let knee = width * width * T::of(4.0);
         for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
-            let Some(anchor) = views.as_slice().get(usize::from(landmark.anchor)) else { continue };
-            for (frame, view) in views.as_slice().iter().enumerate() {
+            let Some(anchor) = poses.as_slice().get(usize::from(landmark.anchor)) else { continue };
+            for (frame, pose) in poses.as_slice().iter().enumerate() {
                 let Some(f) = self.observation(landmark, index, frame) else { continue };
-                let whitened = residual(anchor, view, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
+                let whitened = residual(anchor, pose, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
                     .map_or(T::of(1e4), |(e, ..)| e.norm_squared() / variance);
                 // k log(1 + s/k): the kernel whose weight is `cauchy`.
                 cost += (T::one() + whitened / knee).ln() * knee;
@@ -290,6 +351,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
     }
 
     /// Information and gradient of the parameters with the landmarks eliminated.
+    #[inline(never)]
     fn reduced(
         &self,
         motion: &Motion<T>,
@@ -315,6 +377,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         (information, gradient)
     }
 
+    #[inline(never)]
     fn step_landmarks(&self, views: &[View<T>], landmarks: &mut [InitLandmark<T>], step: &Gradient<T>, width: T, damping: T) {
         for (index, landmark) in landmarks.iter_mut().enumerate().filter(|(_, landmark)| landmark.is_used) {
             landmark.previous = (landmark.bearing_in_anchor, landmark.inverse_distance_per_m);
@@ -328,7 +391,18 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         }
     }
 
+    /// `information⁻¹ (−gradient)`, the diagonal raised by `damping`.
+    #[inline(never)]
+    fn step(information: &Information<T>, gradient: &Gradient<T>, damping: T) -> Option<Gradient<T>> {
+        let mut damped = *information;
+        for i in 0..PARAMETERS {
+            damped[(i, i)] *= T::one() + damping;
+        }
+        Some(damped.cholesky()?.solve(&-gradient))
+    }
+
     /// Levenberg-Marquardt with one kernel; the parameters and whether the gain has died down.
+    #[inline(never)]
     fn descend(
         &self,
         start: Motion<T>,
@@ -340,13 +414,11 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         let mut motion = start;
         let mut cost = self.cost(&motion, landmarks, width);
         let mut damping = T::of(1e-4);
+        let mut views = Views::<T, FRAMES>::empty();
         for _ in 0..iterations {
-            let views = Views::new(&motion, self.links, self.body_from_camera);
-            let (mut information, gradient) = self.reduced(&motion, views.as_slice(), landmarks, width, damping);
-            for i in 0..PARAMETERS {
-                information[(i, i)] *= T::one() + damping;
-            }
-            let step = information.cholesky()?.solve(&-gradient);
+            views.fill(&motion, self.links, self.body_from_camera);
+            let (information, gradient) = self.reduced(&motion, views.as_slice(), landmarks, width, damping);
+            let step = Self::step(&information, &gradient, damping)?;
             self.step_landmarks(views.as_slice(), landmarks, &step, width, damping);
             let candidate = motion.retract(&step);
             let candidate_cost = self.cost(&candidate, landmarks, width);
@@ -370,33 +442,44 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         cost.is_usable().then_some((motion, false))
     }
 
+    /// Covariance of the parameters, but for a factor.
+    #[inline(never)]
+    fn covariance(&self, motion: &Motion<T>, landmarks: &[InitLandmark<T>]) -> Option<Information<T>> {
+        let mut views = Views::<T, FRAMES>::empty();
+        views.fill(motion, self.links, self.body_from_camera);
+        let (information, _) = self.reduced(motion, views.as_slice(), landmarks, T::one(), T::ZERO);
+        Some(information.cholesky()?.inverse())
+    }
+
     /// Minimises from `start`; `None` when a number is not finite or the equations are singular.
+    #[inline(never)]
     pub(super) fn solve(&self, start: Motion<T>, landmarks: &mut [InitLandmark<T>]) -> Option<Refined<T>> {
         let mut motion = start;
         let mut is_converged = false;
         for (width, iterations, least_gain) in STAGES {
             (motion, is_converged) = self.descend(motion, landmarks, T::of(width), iterations, T::of(least_gain))?;
         }
-        let views = Views::new(&motion, self.links, self.body_from_camera);
-        let (median_residual_px, inlier_ratio, observations) = self.judge(views.as_slice(), landmarks)?;
-        let (information, _) = self.reduced(&motion, views.as_slice(), landmarks, T::one(), T::ZERO);
+        let (median_residual_px, inlier_ratio, observations) = self.judge(&motion, landmarks)?;
         // The assumed noise is widened, never narrowed, to what the residuals show (median of a Rayleigh distribution: 1.1774 σ).
         let shown = (median_residual_px / (self.config.sigma_px * T::of(1.1774))).max(T::one());
-        let covariance = information.cholesky()?.inverse() * (shown * shown);
+        let covariance = self.covariance(&motion, landmarks)? * (shown * shown);
         Some(Refined { motion, covariance, median_residual_px, inlier_ratio, observations, is_converged })
     }
 
     /// Median residual, share of inliers and number of observations; marks the outliers.
-    fn judge(&self, views: &[View<T>], landmarks: &mut [InitLandmark<T>]) -> Option<(T, T, usize)> {
+    #[inline(never)]
+    fn judge(&self, motion: &Motion<T>, landmarks: &mut [InitLandmark<T>]) -> Option<(T, T, usize)> {
+        let mut poses = Poses::<T, FRAMES>::empty();
+        poses.fill(motion, self.links, self.body_from_camera);
         let (mut residuals, mut inliers, mut total, mut seen) = (Histogram::new(), 0_u32, 0_u32, 0_u32);
         let limit = self.config.sigma_rad() * T::of(3.5);
         for (index, landmark) in landmarks.iter_mut().enumerate().filter(|(_, landmark)| landmark.is_used) {
-            let Some(anchor) = views.get(usize::from(landmark.anchor)) else { continue };
+            let Some(anchor) = poses.as_slice().get(usize::from(landmark.anchor)) else { continue };
             let mut good = 0;
-            for (frame, view) in views.iter().enumerate() {
+            for (frame, pose) in poses.as_slice().iter().enumerate() {
                 seen += u32::from(self.bearings.bearing(index, frame).is_some());
                 let Some(f) = self.observation(landmark, index, frame) else { continue };
-                let size = residual(anchor, view, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
+                let size = residual(anchor, pose, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
                     .map_or(T::one(), |(e, ..)| e.norm());
                 residuals.add(size);
                 total += 1;

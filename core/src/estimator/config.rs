@@ -2,6 +2,7 @@
 
 use crate::imu::ImuNoise;
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 /// Configuration of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,6 +60,34 @@ pub struct EstimatorConfig<T: Real> {
     pub first_sigma: FirstSigma<T>,
 }
 
+blank!([T: Real] EstimatorConfig<T> {
+    imu_noise,
+    imu_noise_inflation,
+    imu_walk_inflation,
+    position_jitter_m,
+    gyro_range_rad_s,
+    accel_range_m_s2,
+    gravity_m_s2,
+    sigma_px,
+    huber,
+    outlier_chi2,
+    keyframe_parallax_px,
+    keyframe_shared_ratio,
+    keyframe_interval_s,
+    inverse_depth_per_m,
+    inverse_depth_sigma_per_m,
+    inverse_depth_guess_sigma_per_m,
+    rest_sigma_m_s,
+    rest_motion_px,
+    least_tracked,
+    longest_coast_s,
+    shortest_initialisation_s,
+    longest_initialisation_s,
+    initialisation_spacing_s,
+    initialisation_scale_sigma,
+    first_sigma,
+});
+
 /// Uncertainty of the first state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FirstSigma<T> {
@@ -71,6 +100,8 @@ pub struct FirstSigma<T> {
     /// Bias of the specific force, m/s².
     pub accel_bias_m_s2: T,
 }
+
+blank!([T: Real] FirstSigma<T> { tilt_rad, velocity_m_s, gyro_bias_rad_s, accel_bias_m_s2 });
 
 impl<T: Real> Default for EstimatorConfig<T> {
     fn default() -> Self {

@@ -8,6 +8,7 @@ use crate::imu::NavState;
 use crate::init::InitError;
 use crate::real::Real;
 use crate::solve::SolveReport;
+use crate::storage::blank::Blank;
 use crate::time::{Span, Timestamp};
 
 /// What initialisation is waiting for.
@@ -112,6 +113,23 @@ impl<T: Real> Default for StepReport<T> {
         let solver = SolveReport { initial_cost: T::ZERO, final_cost: T::ZERO, iterations: 0, accepted: 0 };
         Self { solver, tracked: 0, outliers: 0, mean_cost: T::ZERO, marginalized: false, saturated: 0, init_error: None }
     }
+}
+
+impl<T: Real> Blank for StepReport<T> {
+    const BLANK: Self = Self {
+        solver: Blank::BLANK,
+        tracked: 0,
+        outliers: 0,
+        mean_cost: T::ZERO,
+        marginalized: false,
+        saturated: 0,
+        // Nothing at all would be the number after the last of the errors.
+        init_error: Some(InitError::Frames(0)),
+    };
+}
+
+impl Blank for Health {
+    const BLANK: Self = Self::Initialising(Waiting::Imu);
 }
 
 /// Why an input was refused. Nothing changed.

@@ -11,6 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::CameraPose;
 use crate::real::Real;
+use crate::storage::blank::blank;
 use crate::track::TrackId;
 
 /// A corner on the plane `z = 1` of the camera, undistorted.
@@ -32,6 +33,8 @@ pub struct DepthPrior<T> {
     /// One over the standard deviation, m.
     pub inverse_sigma: T,
 }
+
+blank!([T: Real] DepthPrior<T> { mean, inverse_sigma });
 
 impl<T: Real> DepthPrior<T> {
     /// From mean and standard deviation, 1/m.

@@ -17,6 +17,7 @@ pub use place::Place;
 use nalgebra::{Isometry3, SMatrix, Vector3};
 
 use self::inertial::InertialHistory;
+use self::starting::Progress;
 use crate::camera::{Camera, CameraModel};
 use crate::factor::prior::Prior;
 use crate::factor::reprojection::CameraMount;
@@ -58,6 +59,8 @@ pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POI
     image_motion: CommonFlow<T>,
     /// Since when the image stands still.
     stillness: Stillness<T>,
+    /// How far a start in motion has come that is spread over several images.
+    progress: Progress,
     /// Images in a row that contradicted the solution.
     contradictions: u8,
     report: StepReport<T>,
@@ -83,6 +86,7 @@ Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES> {
     blind_since,
     image_motion,
     stillness,
+    progress,
     contradictions,
     report,
     front_end,
@@ -173,6 +177,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.window.clear();
         self.prior.clear();
         self.pending = false;
+        self.progress = Progress::Nothing;
         self.blind_since = None;
         self.health = Health::Initialising(Waiting::Tracks);
     }

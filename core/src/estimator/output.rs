@@ -27,6 +27,8 @@ pub enum Waiting {
     Gravity,
     /// Vision and inertial samples contradict each other: wrong extrinsics, wrong time stamps, or a `sigma_px` far too small.
     Agreement,
+    /// Nothing but the next image: the start is spread over several, see [`StepBudget::whole_start`].
+    Work,
 }
 
 /// How the estimator is.
@@ -70,11 +72,14 @@ pub enum FrameOutcome {
 pub struct StepBudget {
     /// Iterations of the solver at most.
     pub iterations: u8,
+    /// Whether a start in motion may take all that it needs in one image. Otherwise it is spread over three images, and the search for
+    /// the motion is given up sooner where it does not settle: for machines that have to be done before the next image.
+    pub whole_start: bool,
 }
 
 impl Default for StepBudget {
     fn default() -> Self {
-        Self { iterations: 4 }
+        Self { iterations: 4, whole_start: true }
     }
 }
 

@@ -21,7 +21,7 @@ use super::config::{InitConfig, InitError};
 use super::gravity::{gravity_of_known_magnitude, world_from_specific_force};
 use super::gyro_bias::{GyroBias, cauchy, estimate_gyro_bias};
 use super::median::Histogram;
-use super::refinement::{Motion, PARAMETERS, Pose, Poses, Problem};
+use super::refinement::{LandmarkMemory, Motion, PARAMETERS, Pose, Poses, Problem};
 use super::tracks::{Bearings, InitLandmark};
 use crate::imu::{ImuBias, NavState};
 use crate::real::Real;
@@ -65,7 +65,8 @@ pub struct Alignment<T: Real> {
 /// First states of a moving body, from at most `FRAMES` frames; the stack that it takes grows with `FRAMES`.
 ///
 /// `links[i]` leads from frame `i` to `i + 1`; the world is level with its origin at the first body and no yaw added there.
-/// `landmarks` needs a place per landmark (surplus landmarks are left out) and `states` one per frame.
+/// `landmarks` needs a place per landmark (surplus landmarks are left out) and `states` one per frame. The equations of landmarks for
+/// which `memory` has no place are summed up twice.
 ///
 /// # Errors
 /// The reason for which there are no states yet, see [`InitError`].
@@ -76,6 +77,7 @@ pub fn initialise_moving<const FRAMES: usize, T: Real, B: Bearings<T>>(
     links: &[InertialLink<T>],
     bearings: &B,
     landmarks: &mut [InitLandmark<T>],
+    memory: &mut [LandmarkMemory<T>],
     states: &mut [NavState<T>],
 ) -> Result<Alignment<T>, InitError<T>> {
     let frames = links.len() + 1;
@@ -110,7 +112,7 @@ pub fn initialise_moving<const FRAMES: usize, T: Real, B: Bearings<T>>(
         return Err(InitError::Parallax(parallax_px));
     }
     let linear = align_linearly(&problem, &still.bias, landmarks).ok_or(InitError::Numerical)?;
-    let refined = problem.solve(linear.motion, landmarks).ok_or(InitError::Numerical)?;
+    let refined = problem.solve(linear.motion, landmarks, memory).ok_or(InitError::Numerical)?;
     let (scale_sigma, distance_m) = scale(&refined.motion, &refined.covariance, links);
     // A free scale is a valley that the descent slides along without an end.
     if scale_sigma > config.maximum_scale_sigma || !scale_sigma.is_usable() || !refined.is_converged {

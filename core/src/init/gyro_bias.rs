@@ -27,6 +27,8 @@ use crate::real::Real;
 
 const STRIDES: [usize; 3] = [1, 2, 4];
 const ITERATIONS: usize = 28;
+/// Of a bias that is known, for the directions between the frames.
+const KNOWN_ITERATIONS: usize = 2;
 /// Wide pairs join once neighbours have removed most of the bias.
 const NEIGHBOURS_ONLY: usize = 4;
 /// Tracks that a pair needs: two for the direction, three for the rotation, and some to spare.
@@ -66,6 +68,11 @@ struct Pair<T: Real> {
     eliminated: (Matrix2<T>, Vector2<T>, Matrix3x2<T>),
 }
 
+fn residual<T: Real>(translation: &Vector3<T>, f_first: &Vector3<T>, normal: &Vector3<T>) -> (T, T) {
+    let sine = (translation.cross(f_first).norm_squared() + T::of(NEAR_EPIPOLE)).root();
+    (translation.dot(normal) / sine, sine)
+}
+
 /// What one pair says about the bias once its direction is eliminated.
 struct PairEquations<T: Real> {
     information: Matrix3<T>,
@@ -75,8 +82,7 @@ struct PairEquations<T: Real> {
 impl<T: Real> Pair<T> {
     /// `r`, and its derivative by the direction, 2×1 in the basis given.
     fn residual(&self, f_first: &Vector3<T>, normal: &Vector3<T>) -> (T, T) {
-        let sine = (self.translation.cross(f_first).norm_squared() + T::of(NEAR_EPIPOLE)).root();
-        (self.translation.dot(normal) / sine, sine)
+        residual(&self.translation, f_first, normal)
     }
 
     fn d_residual_d_translation(&self, basis: &Matrix3x2<T>, f_first: &Vector3<T>, normal: &Vector3<T>) -> Vector2<T> {
@@ -99,16 +105,24 @@ impl<T: Real> Pair<T> {
             count += 1;
         }
         let sample = &sample[..count];
-        let cost = |translation: &Vector3<T>| {
-            let candidate = Self { translation: *translation, ..*self };
-            sample.iter().fold(T::ZERO, |sum, (f_first, normal)| {
-                let (residual, _) = candidate.residual(f_first, normal);
-                sum - cauchy(residual * residual / (scale * scale))
-            })
+        // Every track lowers the cost by one at most: a direction that cannot come below `limit` any more is given up.
+        let cost = |translation: &Vector3<T>, limit: T| {
+            let mut sum = T::ZERO;
+            let mut remaining = T::of(count as f64);
+            for (f_first, normal) in sample {
+                let (residual, _) = residual(translation, f_first, normal);
+                sum -= cauchy(residual * residual / (scale * scale));
+                remaining -= T::one();
+                // Sums of this length are rounded by less than the margin.
+                if sum - remaining > limit + T::of(1e-3) {
+                    break;
+                }
+            }
+            sum
         };
-        let mut best = (cost(&self.translation), self.translation);
-        if self.translation == Vector3::zeros() {
-            best.0 = T::ZERO;
+        let mut best = (T::ZERO, self.translation);
+        if self.translation != Vector3::zeros() {
+            best.0 = cost(&self.translation, T::ZERO);
         }
         for hypothesis in 0..HYPOTHESES {
             let (Some((_, a)), Some((_, b))) = (sample.get(hypothesis * 7 % count), sample.get((hypothesis * 13 + count / 2) % count))
@@ -119,7 +133,7 @@ impl<T: Real> Pair<T> {
             let length = across_both.norm();
             if length > T::of(1e-3) * a.norm() * b.norm() && length > T::ZERO {
                 let translation = across_both / length;
-                let cost = cost(&translation);
+                let cost = cost(&translation, best.0);
                 if cost < best.0 {
                     best = (cost, translation);
                 }
@@ -264,7 +278,8 @@ pub fn estimate_gyro_bias<const FRAMES: usize, T: Real, B: Bearings<T>>(
     let mut information = Matrix3::identity();
     let mut used = 0;
     let mut residuals = Histogram::new();
-    for iteration in 0..ITERATIONS {
+    let known = NEIGHBOURS_ONLY + 1..NEIGHBOURS_ONLY + 1 + KNOWN_ITERATIONS;
+    for iteration in if config.gyro_bias_is_known { known } else { 0..ITERATIONS } {
         walk(links, &ImuBias { gyro_rad_s: bias, accel_m_s2: Vector3::zeros() }, |frame, node| {
             if let Some(turn) = turns.get_mut(frame) {
                 *turn = (node.first_from_body, node.d_rotation_d_gyro);

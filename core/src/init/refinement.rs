@@ -252,11 +252,68 @@ pub(super) struct Problem<'a, T: Real, B, const FRAMES: usize> {
     pub bearings: &'a B,
 }
 
+/// `A += JᵀW`, where that is symmetric: its lower triangle, two columns at a time.
+fn add_square<T: Real>(information: &mut Information<T>, jacobian: &SMatrix<T, 2, PARAMETERS>, weighted: &SMatrix<T, 2, PARAMETERS>) {
+    let mut rows = jacobian.as_slice().as_chunks::<2>().0;
+    let weights = weighted.as_slice().as_chunks::<2>().0.as_chunks::<2>().0;
+    for (columns, [[l0, l1], [r0, r1]]) in information.as_mut_slice().chunks_exact_mut(2 * PARAMETERS).zip(weights) {
+        let (left, right) = columns.split_at_mut(PARAMETERS);
+        let first = PARAMETERS - rows.len();
+        let (Some(([j0, j1], below)), Some((corner, left)), Some((_, right))) = (
+            rows.split_first(),
+            left.get_mut(first..).and_then(<[T]>::split_first_mut),
+            right.get_mut(first..).and_then(<[T]>::split_first_mut),
+        ) else {
+            return;
+        };
+        *corner += *j0 * *l0 + *j1 * *l1;
+        for ((left, right), [j0, j1]) in left.iter_mut().zip(right).zip(below) {
+            *left += *j0 * *l0 + *j1 * *l1;
+            *right += *j0 * *r0 + *j1 * *r1;
+        }
+        rows = below.get(1..).unwrap_or_default();
+    }
+}
+
+/// `A −= P Cᵀ`, where that is symmetric: its lower triangle.
+fn subtract_product<T: Real>(information: &mut Information<T>, p: &SMatrix<T, PARAMETERS, 3>, c: &SMatrix<T, PARAMETERS, 3>) {
+    // Row by row, so that the numbers of a row lie side by side.
+    let (p, c) = (p.transpose(), c.transpose());
+    let mut rows = p.as_slice().as_chunks::<3>().0;
+    let columns = information.as_mut_slice().chunks_exact_mut(PARAMETERS);
+    for (column, [c0, c1, c2]) in columns.zip(c.as_slice().as_chunks::<3>().0) {
+        let first = PARAMETERS - rows.len();
+        for (entry, [p0, p1, p2]) in column.get_mut(first..).unwrap_or_default().iter_mut().zip(rows) {
+            *entry -= *p0 * *c0 + *p1 * *c1 + *p2 * *c2;
+        }
+        rows = rows.split_first().map_or(&[], |(_, rest)| rest);
+    }
+}
+
 /// Normal equations of one landmark, its own three unknowns apart.
 struct LandmarkEquations<T: Real> {
     own: Matrix3<T>,
     own_gradient: Vector3<T>,
     cross: SMatrix<T, PARAMETERS, 3>,
+}
+
+/// Memory for what one landmark's bearings say.
+pub type LandmarkMemory<T> = [T; 9 + 3 + 3 * PARAMETERS];
+
+impl<T: Real> LandmarkEquations<T> {
+    fn save(&self, memory: &mut LandmarkMemory<T>) {
+        let all = self.own.iter().chain(&self.own_gradient).chain(&self.cross);
+        memory.iter_mut().zip(all).for_each(|(place, value)| *place = *value);
+    }
+
+    fn load(memory: &LandmarkMemory<T>) -> Self {
+        let mut values = memory.iter().copied();
+        let mut equations = Self { own: Matrix3::zeros(), own_gradient: Vector3::zeros(), cross: SMatrix::zeros() };
+        equations.own.iter_mut().zip(&mut values).for_each(|(place, value)| *place = value);
+        equations.own_gradient.iter_mut().zip(&mut values).for_each(|(place, value)| *place = value);
+        equations.cross.iter_mut().zip(&mut values).for_each(|(place, value)| *place = value);
+        equations
+    }
 }
 
 impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
@@ -306,7 +363,7 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         if landmark.is_rejected(frame) { None } else { self.bearings.bearing(index, frame) }
     }
 
-    /// Adds a landmark's bearings to `information` and `gradient`.
+    /// Adds a landmark's bearings to `information`, its lower triangle, and `gradient`.
     fn accumulate(
         &self,
         views: &[View<T>],
@@ -331,7 +388,7 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
             if !is_anchor {
                 equations.cross += linear.d_motion.tr_mul(&weighted);
                 if let Some((information, gradient)) = &mut dense {
-                    **information += linear.d_motion.tr_mul(&(linear.d_motion * weight));
+                    add_square(information, &linear.d_motion, &(linear.d_motion * weight));
                     **gradient += linear.d_motion.tr_mul(&(linear.residual * weight));
                 }
             }
@@ -350,7 +407,8 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         inverse.iter().all(|value| value.is_usable()).then_some(inverse)
     }
 
-    /// Information and gradient of the parameters with the landmarks eliminated.
+    /// Information, its lower triangle, and gradient of the parameters with the landmarks eliminated. `memory` keeps the equations
+    /// of as many landmarks as it has places.
     #[inline(never)]
     fn reduced(
         &self,
@@ -359,6 +417,7 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         landmarks: &[InitLandmark<T>],
         width: T,
         damping: T,
+        memory: &mut [LandmarkMemory<T>],
     ) -> (Information<T>, Gradient<T>) {
         let prior = self.prior();
         let mut information = Information::from_diagonal(&prior);
@@ -366,9 +425,12 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
             let (before, gradient_before) = (information, gradient);
             let equations = self.accumulate(views, index, landmark, width, Some((&mut information, &mut gradient)));
+            if let Some(place) = memory.get_mut(index) {
+                equations.save(place);
+            }
             if let Some(inverse) = Self::own_inverse(&equations, damping) {
                 let projected = equations.cross * inverse;
-                information -= projected * equations.cross.transpose();
+                subtract_product(&mut information, &projected, &equations.cross);
                 gradient -= projected * equations.own_gradient;
             } else {
                 (information, gradient) = (before, gradient_before);
@@ -378,10 +440,21 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
     }
 
     #[inline(never)]
-    fn step_landmarks(&self, views: &[View<T>], landmarks: &mut [InitLandmark<T>], step: &Gradient<T>, width: T, damping: T) {
+    fn step_landmarks(
+        &self,
+        views: &[View<T>],
+        landmarks: &mut [InitLandmark<T>],
+        step: &Gradient<T>,
+        width: T,
+        damping: T,
+        memory: &[LandmarkMemory<T>],
+    ) {
         for (index, landmark) in landmarks.iter_mut().enumerate().filter(|(_, landmark)| landmark.is_used) {
             landmark.previous = (landmark.bearing_in_anchor, landmark.inverse_distance_per_m);
-            let equations = self.accumulate(views, index, landmark, width, None);
+            let equations = match memory.get(index) {
+                Some(place) => LandmarkEquations::load(place),
+                None => self.accumulate(views, index, landmark, width, None),
+            };
             let Some(inverse) = Self::own_inverse(&equations, damping) else { continue };
             let own = -(inverse * (equations.own_gradient + equations.cross.tr_mul(step)));
             let moved = landmark.bearing_in_anchor + across(&landmark.bearing_in_anchor) * own.fixed_rows::<2>(0);
@@ -401,7 +474,7 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         Some(damped.cholesky()?.solve(&-gradient))
     }
 
-    /// Levenberg-Marquardt with one kernel; the parameters and whether the gain has died down.
+    /// Levenberg-Marquardt with one kernel; the parameters, whether the gain has died down, and the iterations taken.
     #[inline(never)]
     fn descend(
         &self,
@@ -410,16 +483,17 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         width: T,
         iterations: usize,
         least_gain: T,
-    ) -> Option<(Motion<T>, bool)> {
+        memory: &mut [LandmarkMemory<T>],
+    ) -> Option<(Motion<T>, bool, usize)> {
         let mut motion = start;
         let mut cost = self.cost(&motion, landmarks, width);
         let mut damping = T::of(1e-4);
         let mut views = Views::<T, FRAMES>::empty();
-        for _ in 0..iterations {
+        for iteration in 1..=iterations {
             views.fill(&motion, self.links, self.body_from_camera);
-            let (information, gradient) = self.reduced(&motion, views.as_slice(), landmarks, width, damping);
+            let (information, gradient) = self.reduced(&motion, views.as_slice(), landmarks, width, damping, memory);
             let step = Self::step(&information, &gradient, damping)?;
-            self.step_landmarks(views.as_slice(), landmarks, &step, width, damping);
+            self.step_landmarks(views.as_slice(), landmarks, &step, width, damping, memory);
             let candidate = motion.retract(&step);
             let candidate_cost = self.cost(&candidate, landmarks, width);
             if candidate_cost < cost {
@@ -427,7 +501,7 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
                 (motion, cost) = (candidate, candidate_cost);
                 damping = (damping * T::of(0.1)).max(T::of(1e-6));
                 if gain < least_gain {
-                    return Some((motion, true));
+                    return Some((motion, true, iteration));
                 }
             } else {
                 for landmark in landmarks.iter_mut().filter(|landmark| landmark.is_used) {
@@ -435,11 +509,11 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
                 }
                 damping *= T::of(10.0);
                 if damping > T::of(1e3) {
-                    return cost.is_usable().then_some((motion, true));
+                    return cost.is_usable().then_some((motion, true, iteration));
                 }
             }
         }
-        cost.is_usable().then_some((motion, false))
+        cost.is_usable().then_some((motion, false, iterations))
     }
 
     /// Covariance of the parameters, but for a factor.
@@ -447,17 +521,26 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
     fn covariance(&self, motion: &Motion<T>, landmarks: &[InitLandmark<T>]) -> Option<Information<T>> {
         let mut views = Views::<T, FRAMES>::empty();
         views.fill(motion, self.links, self.body_from_camera);
-        let (information, _) = self.reduced(motion, views.as_slice(), landmarks, T::one(), T::ZERO);
+        let (information, _) = self.reduced(motion, views.as_slice(), landmarks, T::one(), T::ZERO, &mut []);
         Some(information.cholesky()?.inverse())
     }
 
     /// Minimises from `start`; `None` when a number is not finite or the equations are singular.
     #[inline(never)]
-    pub(super) fn solve(&self, start: Motion<T>, landmarks: &mut [InitLandmark<T>]) -> Option<Refined<T>> {
+    pub(super) fn solve(
+        &self,
+        start: Motion<T>,
+        landmarks: &mut [InitLandmark<T>],
+        memory: &mut [LandmarkMemory<T>],
+    ) -> Option<Refined<T>> {
         let mut motion = start;
         let mut is_converged = false;
+        let mut left = self.config.maximum_iterations;
         for (width, iterations, least_gain) in STAGES {
-            (motion, is_converged) = self.descend(motion, landmarks, T::of(width), iterations, T::of(least_gain))?;
+            let taken;
+            (motion, is_converged, taken) =
+                self.descend(motion, landmarks, T::of(width), iterations.min(left), T::of(least_gain), memory)?;
+            left -= taken;
         }
         let (median_residual_px, inlier_ratio, observations) = self.judge(&motion, landmarks)?;
         // The assumed noise is widened, never narrowed, to what the residuals show (median of a Rayleigh distribution: 1.1774 σ).

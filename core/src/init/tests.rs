@@ -22,8 +22,15 @@ type Started = (Result<Alignment<f64>, InitError<f64>>, Vec<NavState<f64>>, Vec<
 fn start(world: &World, config: &InitConfig<f64>) -> Started {
     let mut landmarks = vec![InitLandmark::default(); world.landmark_count()];
     let mut states = vec![NavState::origin(); world.links.len() + 1];
-    let result =
-        initialise_moving::<MAX_INIT_FRAMES, _, _>(config, &world.body_from_camera, &world.links, world, &mut landmarks, &mut states);
+    let result = initialise_moving::<MAX_INIT_FRAMES, _, _>(
+        config,
+        &world.body_from_camera,
+        &world.links,
+        world,
+        &mut landmarks,
+        &mut [],
+        &mut states,
+    );
     (result, states, landmarks)
 }
 
@@ -210,8 +217,15 @@ fn single_precision_agrees_with_double() {
         let config = InitConfig { sigma_px: 0.5_f32, ..InitConfig::default() };
         let bearings = (world.landmark_count(), |l: usize, f: usize| world.bearing(l, f).map(|b| b.cast::<f32>()));
         let extrinsics = world.body_from_camera.cast();
-        let single =
-            initialise_moving::<MAX_INIT_FRAMES, _, _>(&config, &extrinsics, &narrow, &bearings, &mut landmarks, &mut narrow_states);
+        let single = initialise_moving::<MAX_INIT_FRAMES, _, _>(
+            &config,
+            &extrinsics,
+            &narrow,
+            &bearings,
+            &mut landmarks,
+            &mut [],
+            &mut narrow_states,
+        );
         let (single, double) = (single.unwrap(), double.unwrap());
         let last = states.len() - 1;
         let apart = (narrow_states[last].position_in_world.cast::<f64>() - states[last].position_in_world).norm() / double.distance_m;

@@ -16,9 +16,6 @@ use crate::telemetry::{self, Line, Telemetry};
 /// The period of the inertial sensor.
 const TICK: Span = Span::from_millis(5);
 
-/// No image may take longer than the time to the next one.
-const BUDGET: StepBudget = StepBudget { iterations: 4, whole_start: false };
-
 /// How a recording is flown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Plan {
@@ -94,7 +91,7 @@ pub fn fly(
                 continue;
             }
             let begun = clock.now();
-            let outcome = estimator.step(BUDGET);
+            let outcome = estimator.step(StepBudget::default());
             let ended = clock.now();
             cost.step = ended.wrapping_sub(begun);
             let line = at("image", began, now).word(telemetry::outcome(outcome));

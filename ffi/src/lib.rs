@@ -259,7 +259,7 @@ pub unsafe extern "C" fn libella_push_tracks(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn libella_step(handle: *mut Libella, iterations: u8, outcome: *mut LibellaOutcome) -> LibellaStatus {
     let instance = opened!(handle);
-    let found = convert::outcome(instance.step(StepBudget { iterations, ..StepBudget::default() }));
+    let found = convert::outcome(instance.step(StepBudget { iterations }));
     if !outcome.is_null() {
         // SAFETY: not null, hence valid, as the caller promised.
         unsafe { *outcome = found };

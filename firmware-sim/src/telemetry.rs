@@ -124,7 +124,6 @@ fn waits(waiting: Waiting) -> &'static str {
         Waiting::Excitation => "waits-for-excitation",
         Waiting::Gravity => "waits-for-gravity",
         Waiting::Agreement => "waits-for-agreement",
-        Waiting::Work => "waits-for-work",
         _ => "waits",
     }
 }

@@ -4,12 +4,13 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use libella_core::depth::DepthSample;
 use libella_core::estimator::{EstimatorConfig, FrameOutcome, Health, InputError, StepBudget};
 use libella_core::imu::{ImuNoise, ImuSample, NavState};
 use libella_core::profile::Desktop;
 use libella_core::real::Real;
 use libella_core::time::{Span, Timestamp};
-use libella_core::track::Observation;
+use libella_core::track::{Observation, TrackId};
 use libella_host::eval::{StampedPose, Statistics, Trajectory, align, associate, position_errors_m};
 use libella_host::sim::{Frame, Recording};
 use nalgebra::{Isometry3, Matrix6, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -157,9 +158,18 @@ impl<'a, T: Real> Pilot<'a, T> {
 
     /// One image, its inertial samples pushed before.
     pub fn push_frame(&mut self, stamp: Timestamp, observations: &[Observation<f64>]) -> Result<FrameOutcome, InputError> {
+        self.push_tracks(stamp, observations)?;
+        Ok(self.step(stamp))
+    }
+
+    fn push_tracks(&mut self, stamp: Timestamp, observations: &[Observation<f64>]) -> Result<(), InputError> {
         let observations: Vec<_> =
             observations.iter().map(|seen| Observation { track: seen.track, pixel: seen.pixel.map(T::of) }).collect();
-        self.estimator.push_tracks(stamp, &observations)?;
+        self.estimator.push_tracks(stamp, &observations)
+    }
+
+    /// What was pushed for the image, solved and kept.
+    fn step(&mut self, stamp: Timestamp) -> FrameOutcome {
         let window = self.estimator.window();
         let predicted = window.frames.last().map(|frame| in_f64(&window.in_world(&frame.state)));
         let outcome = self.estimator.step(StepBudget::default());
@@ -177,7 +187,19 @@ impl<'a, T: Real> Pilot<'a, T> {
                 pose_covariance: estimate.pose_covariance.map(T::as_f64),
             });
         }
-        Ok(outcome)
+        outcome
+    }
+
+    /// The same with depths of some of its tracks.
+    pub fn push_frame_with_depths(
+        &mut self,
+        stamp: Timestamp,
+        observations: &[Observation<f64>],
+        depths: &[(TrackId, DepthSample<T>)],
+    ) -> Result<FrameOutcome, InputError> {
+        self.push_tracks(stamp, observations)?;
+        self.estimator.push_depths(stamp, depths)?;
+        Ok(self.step(stamp))
     }
 
     /// One image with all that belongs to it; images that the estimator refuses are left out.

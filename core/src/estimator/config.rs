@@ -1,5 +1,6 @@
 //! Every number that may be tuned, with its unit and default.
 
+use crate::depth::{ScaleTracker, Weighting};
 use crate::imu::ImuNoise;
 use crate::real::Real;
 use crate::storage::blank::blank;
@@ -56,6 +57,8 @@ pub struct EstimatorConfig<T: Real> {
     pub initialisation_spacing_s: T,
     /// Largest relative standard deviation of the scale that the moving start accepts.
     pub initialisation_scale_sigma: T,
+    /// How depth that someone else tells is used.
+    pub depth: DepthConfig<T>,
     /// Standard deviations of the first state: tilt (rad), velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s²).
     pub first_sigma: FirstSigma<T>,
 }
@@ -77,6 +80,7 @@ blank!([T: Real] EstimatorConfig<T> {
     inverse_depth_per_m,
     inverse_depth_sigma_per_m,
     inverse_depth_guess_sigma_per_m,
+    depth,
     rest_sigma_m_s,
     rest_motion_px,
     least_tracked,
@@ -87,6 +91,23 @@ blank!([T: Real] EstimatorConfig<T> {
     initialisation_scale_sigma,
     first_sigma,
 });
+
+/// How depth that someone else tells is used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthConfig<T: Real> {
+    /// How much a depth counts beside the corners.
+    pub weighting: Weighting<T>,
+    /// Standard deviation of the logarithm of the source's factor before anything is known of it.
+    pub scale_sigma: T,
+    /// How far that logarithm walks in a second.
+    pub scale_walk_per_root_s: T,
+    /// To what one image tells it.
+    pub image_scale_sigma: T,
+    /// A depth farther from what the corners say than this many standard deviations is given up.
+    pub gate_sigma: T,
+    /// Shortest stretch of motion for a start with depths, s.
+    pub shortest_start_s: T,
+}
 
 /// Uncertainty of the first state.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -102,6 +123,29 @@ pub struct FirstSigma<T> {
 }
 
 blank!([T: Real] FirstSigma<T> { tilt_rad, velocity_m_s, gyro_bias_rad_s, accel_bias_m_s2 });
+
+blank!([T: Real] DepthConfig<T> { weighting, scale_sigma, scale_walk_per_root_s, image_scale_sigma, gate_sigma, shortest_start_s });
+
+impl<T: Real> Default for DepthConfig<T> {
+    fn default() -> Self {
+        Self {
+            weighting: Weighting::Calibrated { inflation: T::of(8.0) },
+            scale_sigma: T::of(0.2),
+            scale_walk_per_root_s: T::of(0.005),
+            image_scale_sigma: T::of(0.1),
+            gate_sigma: T::of(3.0),
+            shortest_start_s: T::of(0.2),
+        }
+    }
+}
+
+impl<T: Real> DepthConfig<T> {
+    /// A source of which nothing has been seen yet.
+    #[must_use]
+    pub fn tracker(&self) -> ScaleTracker<T> {
+        ScaleTracker::new(self.scale_sigma, self.scale_walk_per_root_s, self.image_scale_sigma)
+    }
+}
 
 impl<T: Real> Default for EstimatorConfig<T> {
     fn default() -> Self {
@@ -130,6 +174,7 @@ impl<T: Real> Default for EstimatorConfig<T> {
             longest_initialisation_s: T::of(4.0),
             initialisation_spacing_s: T::of(0.18),
             initialisation_scale_sigma: T::of(0.15),
+            depth: DepthConfig::default(),
             first_sigma: FirstSigma {
                 tilt_rad: T::of(0.1),
                 velocity_m_s: T::of(0.5),

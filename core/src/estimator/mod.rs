@@ -1,6 +1,8 @@
 //! The one place that knows the order of events.
 
 mod config;
+mod depth;
+mod depth_start;
 mod inertial;
 mod input;
 mod outliers;
@@ -10,15 +12,15 @@ mod running;
 mod sliding;
 mod starting;
 
-pub use config::{EstimatorConfig, FirstSigma};
-pub use output::{FrameOutcome, Health, InputError, StateEstimate, StepBudget, StepReport, Waiting};
+pub use config::{DepthConfig, EstimatorConfig, FirstSigma};
+pub use output::{DepthReport, FrameOutcome, Health, InputError, StateEstimate, StepBudget, StepReport, Waiting};
 pub use place::Place;
 
 use nalgebra::{Isometry3, SMatrix, Vector3};
 
 use self::inertial::InertialHistory;
-use self::starting::Progress;
 use crate::camera::{Camera, CameraModel};
+use crate::depth::ScaleTracker;
 use crate::factor::prior::Prior;
 use crate::factor::reprojection::CameraMount;
 use crate::imu::ImuNoise;
@@ -30,6 +32,9 @@ use crate::storage::blank::{Blank, blank};
 use crate::time::Timestamp;
 use crate::track::{FrontEnd, FrontEndConfig};
 use crate::window::{CommonFlow, DepthPrior, Stillness, Window};
+
+/// One way to start, on the frames that are there.
+type Start<E> = fn(&mut E, StepBudget) -> Result<(), Waiting>;
 
 /// Corners to follow at a time.
 const TARGET_TRACKS: usize = 200;
@@ -60,7 +65,6 @@ pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POI
     /// Since when the image stands still.
     stillness: Stillness<T>,
     /// How far a start in motion has come that is spread over several images.
-    progress: Progress,
     /// Images in a row that contradicted the solution.
     contradictions: u8,
     report: StepReport<T>,
@@ -68,6 +72,12 @@ pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POI
     front_end: FrontEnd<POINTS>,
     last_image: Option<Timestamp>,
     init_landmarks: [InitLandmark<T>; POINTS],
+    /// The factor on the depths that are given.
+    depth_scale: ScaleTracker<T>,
+    /// What the depth map of the pending frame did.
+    depth_report: Option<DepthReport<T>>,
+    /// The start with depths, once there are any: who pushes none does not carry its code.
+    start_with_depth: Option<Start<Self>>,
 }
 
 blank!([T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize]
@@ -86,12 +96,14 @@ Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES> {
     blind_since,
     image_motion,
     stillness,
-    progress,
     contradictions,
     report,
     front_end,
     last_image,
     init_landmarks,
+    depth_scale,
+    depth_report,
+    start_with_depth,
 });
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>
@@ -125,6 +137,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.health = Health::Initialising(Waiting::Imu);
         self.report = StepReport::default();
         self.front_end.configure(front_end_config(&camera));
+        self.depth_scale = config.depth.tracker();
+        self.depth_report = None;
     }
 
     /// Works on the frame that was pushed last: initialises, or solves and slides the window.
@@ -133,7 +147,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             return FrameOutcome::NoFrame;
         }
         self.pending = false;
-        self.report = StepReport::default();
+        self.report = StepReport { depth: self.depth_report.take(), ..StepReport::default() };
         if let [.., before, newest] = self.window.frames.as_slice() {
             self.report.saturated = self.inertial.saturated(before.stamp, newest.stamp);
         }
@@ -176,8 +190,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     pub fn reset(&mut self) {
         self.window.clear();
         self.prior.clear();
+        self.depth_scale = self.config.depth.tracker();
         self.pending = false;
-        self.progress = Progress::Nothing;
         self.blind_since = None;
         self.health = Health::Initialising(Waiting::Tracks);
     }

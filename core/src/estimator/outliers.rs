@@ -4,7 +4,7 @@ use super::Estimator;
 use crate::real::Real;
 use crate::robust::kernel::Kernel;
 use crate::solve::Geometry;
-use crate::window::{DepthPrior, Landmark};
+use crate::window::{DepthPrior, DepthSource, Landmark};
 
 /// Inverse depths that a landmark may have, 1/m: noise makes far ones pass infinity.
 const LEAST_INVERSE_DEPTH: f64 = -0.5;
@@ -29,6 +29,12 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         let prior = &self.settings.depth_prior;
         let mut tally = Tally { removed: 0, kept: T::ZERO, cost: T::ZERO };
         for landmark in self.window.landmarks.iter_mut().filter(|landmark| landmark.active) {
+            // The corners know better: the next map may try again.
+            if landmark.depth_source == DepthSource::Given
+                && landmark.given.residual(landmark.inverse_depth).abs() > self.config.depth.gate_sigma
+            {
+                landmark.depth_source = DepthSource::Usual;
+            }
             let contradicted = contradictions(landmark, geometry, self.config.outlier_chi2, &self.settings.kernel, &mut tally);
             for frame in (0..=newest).filter(|frame| contradicted >> frame & 1 == 1) {
                 landmark.forget(frame, &geometry.camera_poses);

@@ -4,11 +4,12 @@ use core::fmt;
 
 use nalgebra::SMatrix;
 
+use crate::depth::Verdict;
 use crate::imu::NavState;
 use crate::init::InitError;
 use crate::real::Real;
 use crate::solve::SolveReport;
-use crate::storage::blank::Blank;
+use crate::storage::blank::{Blank, blank};
 use crate::time::{Span, Timestamp};
 
 /// What initialisation is waiting for.
@@ -27,8 +28,6 @@ pub enum Waiting {
     Gravity,
     /// Vision and inertial samples contradict each other: wrong extrinsics, wrong time stamps, or a `sigma_px` far too small.
     Agreement,
-    /// Nothing but the next image: the start is spread over several, see [`StepBudget::whole_start`].
-    Work,
 }
 
 /// How the estimator is.
@@ -70,17 +69,13 @@ pub enum FrameOutcome {
 /// Bounds of one step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StepBudget {
-    /// Iterations of the solver at most.
+    /// Iterations of the solver at most; it ends sooner where the cost no longer falls.
     pub iterations: u8,
-    /// Whether a start in motion may take all that it needs in one image. Otherwise it is spread over three images, and the search for
-    /// the motion is given up sooner where it does not settle: for machines that have to be done before the next image. Not to be relied
-    /// on yet: on a real recording at 160x120 it started too late.
-    pub whole_start: bool,
 }
 
 impl Default for StepBudget {
     fn default() -> Self {
-        Self { iterations: 4, whole_start: true }
+        Self { iterations: 4 }
     }
 }
 
@@ -112,12 +107,27 @@ pub struct StepReport<T: Real> {
     pub saturated: usize,
     /// Why the moving start refused, where it did.
     pub init_error: Option<InitError<T>>,
+    /// What the depth map of this image did, where there was one.
+    pub depth: Option<DepthReport<T>>,
+}
+
+/// What one depth map did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthReport<T> {
+    /// Landmarks that the image sees and the map gives a depth.
+    pub given: usize,
+    /// Factor from the source's depths to metric ones.
+    pub scale: T,
+    /// Standard deviation of the logarithm of [`Self::scale`].
+    pub sigma_log_scale: T,
+    /// Whether the map agreed with what motion tells; one that does not is left out.
+    pub verdict: Verdict,
 }
 
 impl<T: Real> Default for StepReport<T> {
     fn default() -> Self {
         let solver = SolveReport { initial_cost: T::ZERO, final_cost: T::ZERO, iterations: 0, accepted: 0 };
-        Self { solver, tracked: 0, outliers: 0, mean_cost: T::ZERO, marginalized: false, saturated: 0, init_error: None }
+        Self { solver, tracked: 0, outliers: 0, mean_cost: T::ZERO, marginalized: false, saturated: 0, init_error: None, depth: None }
     }
 }
 
@@ -131,7 +141,19 @@ impl<T: Real> Blank for StepReport<T> {
         saturated: 0,
         // Nothing at all would be the number after the last of the errors.
         init_error: Some(InitError::Frames(0)),
+        depth: Blank::BLANK,
     };
+}
+
+blank!([T: Real] DepthReport<T> { given, scale, sigma_log_scale, verdict });
+
+impl Blank for Verdict {
+    const BLANK: Self = Self::Believed;
+}
+
+/// `None` would be the number after the last of the verdicts.
+impl<T: Real> Blank for Option<DepthReport<T>> {
+    const BLANK: Self = Some(Blank::BLANK);
 }
 
 impl Blank for Health {
@@ -160,6 +182,8 @@ pub enum InputError {
         /// Bytes per image that were lent.
         bytes: usize,
     },
+    /// No image of this time is in the window: a depth map comes with its image or soon after.
+    NoSuchImage(Timestamp),
     /// More samples between two images than there is room for.
     Full,
 }
@@ -174,6 +198,7 @@ impl fmt::Display for InputError {
             }
             Self::MissingImu(stamp) => write!(f, "inertial samples do not reach the image at {stamp}: push samples past it first"),
             Self::PyramidTooSmall { bytes } => write!(f, "pyramid memory of {bytes} bytes an image is too small for this image"),
+            Self::NoSuchImage(stamp) => write!(f, "no image of {stamp} is in the window: push a depth map with its image or soon after"),
             Self::Full => write!(f, "no room for more inertial samples before the next image"),
         }
     }

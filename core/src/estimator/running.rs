@@ -6,14 +6,14 @@ use super::{Estimator, FrameOutcome, Health, StepBudget};
 use crate::imu::ImuBias;
 use crate::real::Real;
 use crate::solve::optimize;
-use crate::window::Frame;
+use crate::window::{DepthSource, Frame};
 
 /// A bias farther from zero than this many of its first standard deviations is no bias, but a contradiction between camera and
 /// inertial samples.
 const MOST_SIGMA: f64 = 4.0;
 /// Cost per observation kept above which the solution contradicts the corners; 0.75 where noise alone is left.
 const MOST_MEAN_COST: f64 = 2.0;
-/// A body that moves this many times faster than one at rest may seem to moves in the direction that it seems to.
+/// How many times faster than one at rest a body has to seem to move before its direction is believed.
 const MOVING_SIGMA: f64 = 5.0;
 /// How long the image has to stand still before the body counts as resting: turning points of a motion are shorter.
 const REST_SETTLES_S: f64 = 0.3;
@@ -69,18 +69,30 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     /// behind the camera explains corners as well as the true one.
     pub(super) fn activate_landmarks(&mut self, poses_are_known: bool) {
         self.workspace.geometry.update(&self.window.frames, &self.settings);
+        let way_is_known = self.way_is_known();
         let poses = &self.workspace.geometry.camera_poses;
         let prior = &self.settings.depth_prior;
-        for landmark in self.window.landmarks.iter_mut().filter(|landmark| landmark.active && landmark.guessed) {
-            landmark.guessed = !landmark.is_told(poses, prior);
+        for landmark in self.window.landmarks.iter_mut().filter(|landmark| landmark.active && landmark.depth_source == DepthSource::Guessed)
+        {
+            if way_is_known && landmark.is_told(poses, prior) {
+                landmark.depth_source = DepthSource::Usual;
+            }
         }
         for landmark in self.window.landmarks.iter_mut().filter(|landmark| !landmark.active && landmark.observations() > 2) {
+            if landmark.depth_source == DepthSource::Given {
+                landmark.inverse_depth = landmark.given.inverse_depth;
+                landmark.active = true;
+                if poses_are_known {
+                    let _ = landmark.refine(poses, &self.settings.prior_on(landmark));
+                }
+                continue;
+            }
             landmark.inverse_depth = prior.mean;
-            landmark.guessed = !poses_are_known;
+            landmark.depth_source = if poses_are_known { DepthSource::Usual } else { DepthSource::Guessed };
             if poses_are_known {
                 let found = landmark.triangulate(poses).filter(|found| *found > T::ZERO && *found < T::of(2.0));
                 landmark.inverse_depth = found.unwrap_or(prior.mean);
-                let information = landmark.refine(poses, prior);
+                let information = landmark.refine(poses, &self.settings.prior_on(landmark));
                 landmark.active = information.is_some_and(|information| prior.is_surpassed_by(information));
             } else {
                 landmark.active = true;
@@ -92,6 +104,18 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     fn poses_are_known(&self) -> bool {
         let moves = |newest: &Frame<T>| newest.state.velocity_in_world.norm() > self.config.rest_sigma_m_s * T::of(MOVING_SIGMA);
         self.tracked_landmarks() >= self.config.least_tracked || self.window.frames.last().is_some_and(moves)
+    }
+
+    /// Whether the way across the window is known better than to its own length, and so tells depths.
+    ///
+    /// A body that hardly moved may seem to have moved ten times as far with all points ten times as far away; depths told by that would
+    /// keep it so, until the scale is that of the flight. Known to half its length does for large windows too, but six frames at 160
+    /// pixels then keep a guessed scale: 0.50 m of 9.5 m flown instead of 0.09 m.
+    fn way_is_known(&self) -> bool {
+        let (Some(first), Some(last)) = (self.window.frames.first(), self.window.frames.last()) else { return false };
+        let way = (last.state.position_in_world - first.state.position_in_world).norm();
+        let variance = (3..6).fold(T::ZERO, |sum, axis| sum + self.pose_covariance[(axis, axis)]);
+        variance < way * way
     }
 
     /// Landmarks with a depth that the newest frame sees.

@@ -3,8 +3,6 @@
 //! At rest, gravity and the gyro bias are read off the inertial samples and one frame is enough. In motion, frames are
 //! collected at a fixed spacing until velocity, gravity and scale can be told from them together.
 //!
-//! Where one image leaves no time for all of that ([`StepBudget::whole_start`]), one tells the gyro bias, the next ones seek the motion,
-//! at the bias that is known by then, and the image after the motion was found solves the window.
 
 use heapless::Vec;
 use nalgebra::{Matrix3, SMatrix, Vector3};
@@ -12,36 +10,18 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::{Estimator, FrameOutcome, Health, StepBudget, Waiting};
 use crate::camera::Camera;
 use crate::imu::{ImuBias, NavState, Preintegration};
-use crate::init::{InertialLink, InitConfig, InitError, MAX_INIT_FRAMES, RestConfig, detect_rest, estimate_gyro_bias, initialise_moving};
+use crate::init::{InertialLink, InitConfig, InitError, MAX_INIT_FRAMES, RestConfig, detect_rest, initialise_moving};
 use crate::real::Real;
 use crate::solve::add_initial;
-use crate::storage::blank::Blank;
 use crate::time::Timestamp;
 use crate::window::NormalizedPoint;
 
 /// Iterations of the first solution at least: it starts farther away than any later one.
 const FIRST_ITERATIONS: u8 = 12;
-/// Iterations for the motion of a start that is spread over several images. The motion of the firmware's flight settles in 18.
-const PART_ITERATIONS: usize = 18;
 /// Cost per observation that the first solution may leave: 0.75 where noise alone is left, 0.8 in the worst of the recordings.
 const MOST_FIRST_COST: f64 = 0.85;
 /// Standard deviation of the position and yaw of the first frame, which define the world, m and rad.
 const GAUGE_SIGMA: f64 = 1e-2;
-
-/// What images before this one have done for a start that is spread over several.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Progress {
-    /// Nothing.
-    Nothing,
-    /// The gyro bias is known and the samples are integrated at it.
-    GyroBias,
-    /// The frames have states.
-    States,
-}
-
-impl Blank for Progress {
-    const BLANK: Self = Self::Nothing;
-}
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>
     Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES>
@@ -50,7 +30,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         if self.start_at_rest() {
             return FrameOutcome::Initialised;
         }
-        match self.start_moving(budget) {
+        let with_depth = self.start_with_depth.map_or(Err(Waiting::Tracks), |start| start(self, budget));
+        match with_depth.or_else(|_| self.start_moving(budget)) {
             Ok(()) => FrameOutcome::Initialised,
             Err(waiting) => {
                 self.health = Health::Initialising(waiting);
@@ -135,11 +116,23 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         if frames < 5 || (last.stamp - first.stamp).as_seconds::<T>() < self.config.shortest_initialisation_s {
             return Err(Waiting::Tracks);
         }
-        if self.progress != Progress::States {
-            self.align(budget)?;
+        self.align()?;
+        self.settle_start(budget)
+    }
+
+    /// Integrates the samples of all frames anew, linearised at `bias`.
+    #[inline(never)]
+    pub(super) fn integrate_at(&mut self, bias: ImuBias<T>) {
+        for i in 1..self.window.frames.len() {
+            let (from, to) = (self.window.frames[i - 1].stamp, self.window.frames[i].stamp);
+            if self.inertial.covers(from, to) {
+                self.window.frames[i].from_previous = self.inertial.integrate(&self.noise, bias, from, to);
+            }
         }
-        let mut origin = self.window.frames[0].state;
-        origin.bias.accel_m_s2 = Vector3::zeros();
+    }
+
+    /// Solves a window whose states were found roughly, and keeps it where everything agrees.
+    pub(super) fn settle_start(&mut self, budget: StepBudget) -> Result<(), Waiting> {
         for frame in &mut self.window.frames {
             frame.keyframe = true;
         }
@@ -151,6 +144,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         }
         let sigma = self.config.first_sigma;
         let first = [sigma.tilt_rad, sigma.velocity_m_s, sigma.gyro_bias_rad_s, sigma.accel_bias_m_s2];
+        let mut origin = self.window.frames[0].state;
+        origin.bias.accel_m_s2 = Vector3::zeros();
         self.begin(&origin, first);
         for _ in 0..2 {
             self.activate_landmarks(true);
@@ -175,25 +170,14 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     /// Finds the states of all frames.
     // Out of line: this memory is given back before the solution needs its own.
     #[inline(never)]
-    fn align(&mut self, budget: StepBudget) -> Result<(), Waiting> {
-        if !budget.whole_start && self.progress == Progress::Nothing {
-            let bias = self.align_once(budget, None)?;
-            return self.go_on_with(bias);
-        }
+    fn align(&mut self) -> Result<(), Waiting> {
         let mut states = [NavState::origin(); FRAMES];
         let mut integrated_at = self.window.frames[0].state.bias;
         // A second round integrates at the bias that the first one found.
         for round in 0..2 {
-            let bias = self.align_once(budget, Some(&mut states)).inspect_err(|waiting| {
-                if !matches!(waiting, Waiting::Excitation | Waiting::Parallax) {
-                    self.progress = Progress::Nothing;
-                }
-            })?;
+            let bias = self.align_once(&mut states)?;
             let moved = (bias.gyro_rad_s - integrated_at.gyro_rad_s).norm();
             integrated_at = bias;
-            if !budget.whole_start && moved >= T::of(0.02) {
-                return self.go_on_with(bias);
-            }
             self.integrate_at(bias);
             if round == 1 || moved < T::of(0.02) {
                 break;
@@ -202,45 +186,21 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         for (frame, state) in self.window.frames.iter_mut().zip(&states) {
             frame.state = *state;
         }
-        self.progress = Progress::States;
-        if budget.whole_start { Ok(()) } else { Err(Waiting::Work) }
+        Ok(())
     }
 
-    /// Ends the work of this image: the next one begins with this bias.
-    fn go_on_with(&mut self, bias: ImuBias<T>) -> Result<(), Waiting> {
-        self.integrate_at(bias);
-        self.window.frames.iter_mut().for_each(|frame| frame.state.bias = bias);
-        self.progress = Progress::GyroBias;
-        Err(Waiting::Work)
-    }
-
-    /// Integrates the samples of all frames anew, as far as they are still there.
+    /// The states at the integrals as they are, and the biases that go with them.
     #[inline(never)]
-    fn integrate_at(&mut self, bias: ImuBias<T>) {
-        for i in 1..self.window.frames.len() {
-            let (from, to) = (self.window.frames[i - 1].stamp, self.window.frames[i].stamp);
-            if self.inertial.covers(from, to) {
-                self.window.frames[i].from_previous = self.inertial.integrate(&self.noise, bias, from, to);
-            }
-        }
-    }
-
-    /// The states at the integrals as they are, and the biases that go with them; without room for states the gyro bias alone.
-    #[inline(never)]
-    fn align_once(&mut self, budget: StepBudget, states: Option<&mut [NavState<T>; FRAMES]>) -> Result<ImuBias<T>, Waiting> {
+    fn align_once(&mut self, states: &mut [NavState<T>; FRAMES]) -> Result<ImuBias<T>, Waiting> {
         let mut links = Vec::<InertialLink<T>, FRAMES>::new();
         links.extend(self.window.frames.iter().skip(1).map(|frame| InertialLink::from(&frame.from_previous)));
-        let mut config = InitConfig {
+        let config = InitConfig {
             sigma_px: self.config.sigma_px,
             focal_px: self.camera.focal_px(),
             gravity_m_s2: self.config.gravity_m_s2,
             maximum_scale_sigma: self.config.initialisation_scale_sigma,
             ..InitConfig::default()
         };
-        if !budget.whole_start {
-            config.maximum_iterations = PART_ITERATIONS;
-            config.gyro_bias_is_known = self.progress == Progress::GyroBias;
-        }
         let landmarks = &self.window.landmarks;
         // The memory of the normal equations is idle until there is a solution: it holds bearings, which are asked for hundreds of
         // times, and equations of landmarks, as many as fit.
@@ -261,17 +221,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         });
         let extrinsics = &self.settings.body_from_camera;
         let (records, memory) = (&mut self.init_landmarks, memory.as_chunks_mut().0);
-        let found = match states {
-            Some(states) => {
-                initialise_moving::<FRAMES, _, _>(&config, extrinsics, &links, &bearings, records, memory, states).map(|found| found.bias)
-            }
-            None => {
-                let start = self.window.frames[0].state.bias;
-                estimate_gyro_bias::<FRAMES, _, _>(&config, extrinsics, &links, &start.gyro_rad_s, &bearings, records)
-                    .map(|found| ImuBias { gyro_rad_s: found.gyro_rad_s, ..start })
-            }
-        };
-        found.map_err(|error| {
+        let found = initialise_moving::<FRAMES, _, _>(&config, extrinsics, &links, &bearings, records, memory, states);
+        found.map(|alignment| alignment.bias).map_err(|error| {
             self.report.init_error = Some(error);
             waiting_for(&error)
         })
@@ -295,7 +246,6 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             root[(12 + axis, 12 + axis)] = inverse(sigma[3]);
         }
         add_initial(&mut self.prior, &mut self.workspace, origin, &root);
-        self.progress = Progress::Nothing;
         self.blind_since = None;
         self.health = Health::Tracking;
     }

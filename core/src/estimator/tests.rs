@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3};
 use super::inertial::InertialHistory;
 use super::{Estimator, EstimatorConfig, FrameOutcome, Health, InputError, StepBudget, Waiting};
 use crate::camera::{CameraModel, PinholeRadTan};
+use crate::depth::{DepthSample, Verdict};
 use crate::image::{ImageView, PyramidPair};
 use crate::imu::testing::Motion;
 use crate::imu::{ImuBias, ImuNoise, ImuSample};
@@ -258,4 +259,18 @@ fn a_dropped_frame_hands_its_samples_on() {
     assert_eq!(estimator.window().frames[1].from_previous, whole);
     let turned = so3::log(&estimator.window().frames[1].from_previous.corrected(&bias).0);
     assert!(turned.norm() > 1e-3, "the motion turns nowhere");
+}
+
+#[test]
+fn a_depth_map_of_an_image_that_is_not_there_is_refused() {
+    let mut estimator = estimator();
+    assert_eq!(estimator.push_depths(at(0), &[]), Err(InputError::NoSuchImage(at(0))));
+    assert!(estimator.push_imu(level(-5)).is_ok() && estimator.push_imu(level(5)).is_ok());
+    assert!(estimator.push_tracks(at(0), &corners()).is_ok());
+    let sample = DepthSample { inverse_depth: 0.5, sigma_log: 0.1, uncertainty: 0.1 };
+    assert_eq!(estimator.push_depths(at(0), &[(TrackId(3), sample), (TrackId(999), sample)]), Ok(()));
+    estimator.step(StepBudget::default());
+    let report = estimator.report().depth;
+    assert!(report.is_some_and(|report| report.given == 1 && report.verdict == Verdict::Believed), "{report:?}");
+    assert_eq!(estimator.push_depths(at(50), &[]), Err(InputError::NoSuchImage(at(50))));
 }

@@ -36,6 +36,10 @@ pub struct Prior<T: Real, const FRAMES: usize, const PAIRS: usize> {
     pub origin: Option<NavState<T>>,
 }
 
+impl<T: Real> Blank for Option<NavState<T>> {
+    const BLANK: Self = None;
+}
+
 blank!([T: Real, const FRAMES: usize, const PAIRS: usize] Prior<T, FRAMES, PAIRS> {
     head, columns, right_head, right, frames, origin,
 };

@@ -28,8 +28,6 @@ pub struct InitConfig<T: Real> {
     pub maximum_scale_sigma: T,
     /// Largest median reprojection error that is accepted, in units of `sigma_px`.
     pub maximum_median_residual: T,
-    /// Whether the links were integrated at a gyro bias that the images have told before: they are then asked for outliers alone.
-    pub gyro_bias_is_known: bool,
     /// Iterations of the refinement at most; a motion that has not settled by then lacks excitation.
     pub maximum_iterations: usize,
     /// Least share of the observations within three standard deviations.
@@ -51,7 +49,6 @@ impl<T: Real> Default for InitConfig<T> {
             minimum_parallax_px: T::of(6.0),
             maximum_scale_sigma: T::of(0.1),
             maximum_median_residual: T::of(2.0),
-            gyro_bias_is_known: false,
             maximum_iterations: 40,
             minimum_inlier_ratio: T::of(0.6),
             maximum_gravity_error_m_s2: T::of(1.5),

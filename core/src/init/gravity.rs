@@ -16,18 +16,18 @@ pub fn world_from_specific_force<T: Real>(specific_force: &Vector3<T>) -> Option
         return None;
     }
     let up = specific_force / norm;
-    let half = T::of(0.5);
-    // Half-angle formulas of the angle between `up` and z; 1 ± z without cancellation on either hemisphere.
-    let across_squared = up.x * up.x + up.y * up.y;
-    let cosine_squared_half = if up.z > T::ZERO { (T::one() + up.z) * half } else { across_squared * half / (T::one() - up.z) };
-    let w = cosine_squared_half.root();
-    let across = across_squared.root();
+    let across = (up.x * up.x + up.y * up.y).root();
     if across < T::of(1e-12) {
         let upright = up.z > T::ZERO;
         let (w, x) = if upright { (T::one(), T::ZERO) } else { (T::ZERO, T::one()) };
         return Some(UnitQuaternion::new_unchecked(Quaternion::new(w, x, T::ZERO, T::ZERO)));
     }
-    let sine_half = (T::one() - cosine_squared_half).max(T::ZERO).root();
+    // Half the angle between `up` and z: the larger of its cosine and sine comes from 1 ± z without cancellation, the other from
+    // across = 2 sin cos. 1 − cos² of a small angle would leave an f32 no digit of the sine.
+    let half = T::of(0.5);
+    let larger = ((T::one() + up.z.abs()) * half).root();
+    let smaller = across * half / larger;
+    let (w, sine_half) = if up.z > T::ZERO { (larger, smaller) } else { (smaller, larger) };
     // Axis up × z = (y, −x, 0) / |across|
     let quaternion = Quaternion::new(w, up.y / across * sine_half, -up.x / across * sine_half, T::ZERO);
     Some(UnitQuaternion::new_normalize(quaternion))

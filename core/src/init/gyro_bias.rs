@@ -27,8 +27,6 @@ use crate::real::Real;
 
 const STRIDES: [usize; 3] = [1, 2, 4];
 const ITERATIONS: usize = 28;
-/// Of a bias that is known, for the directions between the frames.
-const KNOWN_ITERATIONS: usize = 2;
 /// Wide pairs join once neighbours have removed most of the bias.
 const NEIGHBOURS_ONLY: usize = 4;
 /// Tracks that a pair needs: two for the direction, three for the rotation, and some to spare.
@@ -278,8 +276,7 @@ pub fn estimate_gyro_bias<const FRAMES: usize, T: Real, B: Bearings<T>>(
     let mut information = Matrix3::identity();
     let mut used = 0;
     let mut residuals = Histogram::new();
-    let known = NEIGHBOURS_ONLY + 1..NEIGHBOURS_ONLY + 1 + KNOWN_ITERATIONS;
-    for iteration in if config.gyro_bias_is_known { known } else { 0..ITERATIONS } {
+    for iteration in 0..ITERATIONS {
         walk(links, &ImuBias { gyro_rad_s: bias, accel_m_s2: Vector3::zeros() }, |frame, node| {
             if let Some(turn) = turns.get_mut(frame) {
                 *turn = (node.first_from_body, node.d_rotation_d_gyro);

@@ -36,6 +36,36 @@ pub trait SampleModel<T: Real, const N: usize> {
     fn draw(&self, generator: &mut Generator) -> usize {
         generator.below(self.count())
     }
+    /// What all items weigh.
+    fn total_weight(&self) -> T {
+        (0..self.count()).fold(T::ZERO, |sum, item| sum + self.weight(item))
+    }
+    /// How the items agree with a model, `None` if its score is not above `to_beat`: items that lie in memory as a scan likes
+    /// them can stop early.
+    fn agreement(&self, model: &Self::Model, to_beat: T) -> Option<Agreement<T>> {
+        let mut sum = Agreement { score: T::ZERO, weight: T::ZERO, inliers: 0 };
+        for item in 0..self.count() {
+            let distance = self.squared_distance(model, item);
+            if distance < T::one() {
+                let weight = self.weight(item);
+                sum.score += weight * (T::one() - distance);
+                sum.weight += weight;
+                sum.inliers += 1;
+            }
+        }
+        (sum.score > to_beat).then_some(sum)
+    }
+}
+
+/// How all items agree with one model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Agreement<T: Real> {
+    /// The truncated cost `Σ weight (1 − d²)` over inliers, by which models are compared.
+    pub score: T,
+    /// What the inliers weigh.
+    pub weight: T,
+    /// How many inliers there are.
+    pub inliers: usize,
 }
 
 /// When to stop drawing.
@@ -58,6 +88,8 @@ pub struct Consensus<T: Real, M> {
     pub inliers: usize,
     /// The share of the total weight that the inliers have.
     pub inlier_ratio: T,
+    /// The truncated cost by which models are compared.
+    pub score: T,
     /// How many samples were drawn.
     pub draws: usize,
 }
@@ -76,30 +108,22 @@ impl<T: Real> Ransac<T> {
         if count < N {
             return None;
         }
-        let total = (0..count).fold(T::ZERO, |sum, item| sum + items.weight(item));
-        let mut best: Option<(T, Consensus<T, P::Model>)> = None;
+        let total = items.total_weight();
+        let mut best: Option<Consensus<T, P::Model>> = None;
         let mut needed = draws(self.confidence, self.least_inlier_ratio, N).min(self.max_draws);
         let mut drawn = 0;
         while drawn < needed {
             drawn += 1;
             let Some(model) = sample(items, generator).and_then(|sample| items.fit(&sample)) else { continue };
-            let (mut score, mut agreeing, mut inliers) = (T::ZERO, T::ZERO, 0);
-            for item in 0..count {
-                let distance = items.squared_distance(&model, item);
-                if distance < T::one() {
-                    let weight = items.weight(item);
-                    score += weight * (T::one() - distance);
-                    agreeing += weight;
-                    inliers += 1;
-                }
-            }
-            let inlier_ratio = agreeing / total;
-            if inlier_ratio >= self.least_inlier_ratio && best.as_ref().is_none_or(|(highest, _)| score > *highest) {
+            let to_beat = best.as_ref().map_or(-T::one(), |best| best.score);
+            let Some(Agreement { score, weight, inliers }) = items.agreement(&model, to_beat) else { continue };
+            let inlier_ratio = weight / total;
+            if inlier_ratio >= self.least_inlier_ratio {
                 needed = needed.min(draws(self.confidence, inlier_ratio, N));
-                best = Some((score, Consensus { model, inliers, inlier_ratio, draws: drawn }));
+                best = Some(Consensus { model, inliers, inlier_ratio, score, draws: drawn });
             }
         }
-        best.map(|(_, consensus)| Consensus { draws: drawn, ..consensus })
+        best.map(|consensus| Consensus { draws: drawn, ..consensus })
     }
 }
 

@@ -107,7 +107,7 @@ pub fn back_substitute<T: Real, const FRAMES: usize, const PAIRS: usize, const P
         let anchor = landmark.anchor();
         let direction = landmark.direction();
         let mut own = PointNormal::default();
-        own.add_prior(landmark.inverse_depth, settings.prior_on(landmark));
+        own.add_prior(landmark.inverse_depth, &settings.prior_on(landmark));
         for (frame, point) in landmark.seen() {
             if frame == anchor {
                 own.add_anchor(&direction, point, &huber);
@@ -154,7 +154,7 @@ fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
     let anchor = landmark.anchor();
     let direction = landmark.direction();
     let mut own = PointNormal::default();
-    let mut total = own.add_prior(landmark.inverse_depth, settings.prior_on(landmark));
+    let mut total = own.add_prior(landmark.inverse_depth, &settings.prior_on(landmark));
     // W_f of the frames that see it, oldest first; the anchor's comes first because the anchor is the oldest.
     let mut couplings = [(0_usize, [[T::ZERO; 6]; 3]); FRAMES];
     let mut anchor_coupling = [[T::ZERO; 6]; 3];

@@ -159,7 +159,7 @@ fn fold_landmarks<'a, T: Real, const FRAMES: usize, const PAIRS: usize>(
         row.fill(T::ZERO);
         let prior = settings.prior_on(landmark);
         row[columns] = prior.residual(landmark.inverse_depth);
-        row[own + 2] = prior.inverse_sigma;
+        row[own + 2] = prior.slope(landmark.inverse_depth);
         let mut count = 1;
         for (frame, point) in landmark.seen().filter(|(frame, _)| *frame < involved) {
             if frame == 0 {

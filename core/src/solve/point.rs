@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::factor::reprojection;
 use crate::real::Real;
 use crate::robust::kernel::Kernel;
-use crate::window::{DepthPrior, NormalizedPoint};
+use crate::window::{DepthKnowledge, NormalizedPoint};
 
 /// Added to the diagonal: an inverse depth that nothing is known of stays where it is.
 pub(super) const FLOOR: f64 = 1e-6;
@@ -50,10 +50,10 @@ impl<T: Real> PointNormal<T> {
 
     /// The prior on the inverse depth; returns its cost, twice.
     #[inline]
-    pub fn add_prior(&mut self, inverse_depth: T, prior: &DepthPrior<T>) -> T {
-        let residual = prior.residual(inverse_depth);
-        self.lower[5] += prior.inverse_sigma * prior.inverse_sigma;
-        self.gradient[2] += prior.inverse_sigma * residual;
+    pub fn add_prior(&mut self, inverse_depth: T, prior: &DepthKnowledge<T>) -> T {
+        let (residual, slope) = (prior.residual(inverse_depth), prior.slope(inverse_depth));
+        self.lower[5] += slope * slope;
+        self.gradient[2] += slope * residual;
         residual * residual
     }
 

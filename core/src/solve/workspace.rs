@@ -12,7 +12,7 @@ use crate::robust::kernel::Kernel;
 use crate::storage::blank::{Blank, blank};
 use crate::storage::blocks::{pairs, place};
 use crate::time::{Span, Timestamp};
-use crate::window::{CameraPose, DepthPrior, Frame, Landmark, NormalizedPoint, Window};
+use crate::window::{CameraPose, DepthKnowledge, DepthPrior, DepthSource, Frame, Landmark, NormalizedPoint, Window};
 
 /// What the factors have in common.
 #[derive(Debug, Clone, Copy)]
@@ -53,8 +53,12 @@ impl<T: Real> Settings<T> {
     /// What is known beforehand of the inverse depth of `landmark`.
     #[inline(always)]
     #[must_use]
-    pub fn prior_on<const FRAMES: usize>(&self, landmark: &Landmark<T, FRAMES>) -> &DepthPrior<T> {
-        if landmark.guessed { &self.guessed_depth_prior } else { &self.depth_prior }
+    pub fn prior_on<const FRAMES: usize>(&self, landmark: &Landmark<T, FRAMES>) -> DepthKnowledge<T> {
+        match landmark.depth_source {
+            DepthSource::Usual => DepthKnowledge::Usual(self.depth_prior),
+            DepthSource::Guessed => DepthKnowledge::Usual(self.guessed_depth_prior),
+            DepthSource::Given => DepthKnowledge::Given(landmark.given),
+        }
     }
 }
 

@@ -55,10 +55,13 @@ impl<A: Blank, B: Blank> Blank for (A, B) {
     const BLANK: Self = (A::BLANK, B::BLANK);
 }
 
-/// For values that leave no room for a number that stands for `None`, such as scalars and arrays of them.
-impl<V> Blank for Option<V> {
-    const BLANK: Self = None;
+/// `None` is zeros where it has a tag of its own or is a null pointer; beside an enumeration it is the number after the last variant.
+macro_rules! none {
+    ($([$($generics:tt)*] $value:ty),+ $(,)?) => {
+        $(impl<$($generics)*> Blank for Option<$value> { const BLANK: Self = None; })+
+    };
 }
+none!([] Timestamp, [A, B, C] (A, B, C), [V, const N: usize] [V; N], [E, A, R] fn(&mut E, A) -> R);
 
 impl<V: Blank, const N: usize> Blank for [V; N] {
     const BLANK: Self = [V::BLANK; N];

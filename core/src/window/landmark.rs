@@ -9,9 +9,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::CameraPose;
+use super::{CameraPose, DepthKnowledge, DepthPrior, DepthSource, GivenDepth};
 use crate::real::Real;
-use crate::storage::blank::blank;
 use crate::track::TrackId;
 
 /// A corner on the plane `z = 1` of the camera, undistorted.
@@ -25,39 +24,6 @@ pub struct NormalizedPoint<T> {
     pub inverse_sigma: T,
 }
 
-/// What is known of an inverse depth before anything is seen: normally distributed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DepthPrior<T> {
-    /// Mean, 1/m.
-    pub mean: T,
-    /// One over the standard deviation, m.
-    pub inverse_sigma: T,
-}
-
-blank!([T: Real] DepthPrior<T> { mean, inverse_sigma });
-
-impl<T: Real> DepthPrior<T> {
-    /// From mean and standard deviation, 1/m.
-    #[must_use]
-    pub fn new(mean_per_m: T, sigma_per_m: T) -> Self {
-        Self { mean: mean_per_m, inverse_sigma: T::one() / sigma_per_m }
-    }
-
-    /// Whitened.
-    #[inline]
-    #[must_use]
-    pub fn residual(&self, inverse_depth: T) -> T {
-        (inverse_depth - self.mean) * self.inverse_sigma
-    }
-
-    /// Whether an inverse depth of this `information` (m²) is known to the mean: its standard deviation is below that.
-    #[inline]
-    #[must_use]
-    pub fn is_surpassed_by(&self, information: T) -> bool {
-        self.mean * information.root() > T::one()
-    }
-}
-
 /// A corner followed through the window.
 #[derive(Debug, Clone, Copy)]
 pub struct Landmark<T: Real, const FRAMES: usize> {
@@ -65,14 +31,16 @@ pub struct Landmark<T: Real, const FRAMES: usize> {
     pub track: TrackId,
     /// Whether its depth is known well enough to take part in the solution.
     pub active: bool,
-    /// Whether its depth is the usual one rather than told by motion.
-    pub guessed: bool,
+    /// Which prior its inverse depth has.
+    pub depth_source: DepthSource,
     /// Whether it was found wrong and leaves the window.
     pub condemned: bool,
     /// `λ`, 1/m, along [`Landmark::bearing`].
     pub inverse_depth: T,
     /// `(x, y)` of the direction `(x, y, 1)` in the anchor's camera.
     pub bearing: [T; 2],
+    /// What a depth map says of `λ`, where [`DepthSource::Given`].
+    pub given: GivenDepth<T>,
     /// `(x, y, λ)` before the last step of the solver, to go back to.
     saved: [T; 3],
     anchor: u8,
@@ -87,11 +55,12 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
         let mut landmark = Self {
             track,
             active: false,
-            guessed: false,
+            depth_source: DepthSource::Usual,
             condemned: false,
             inverse_depth: T::ZERO,
             saved: [T::ZERO; 3],
             bearing: [point.x, point.y],
+            given: GivenDepth::default(),
             #[allow(clippy::cast_possible_truncation)] // a window holds at most 32 frames
             anchor: frame as u8,
             observed: 0,
@@ -205,6 +174,13 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
         }
     }
 
+    /// Takes in what a depth map says of `λ` in the anchor: see [`GivenDepth::with`].
+    pub fn give(&mut self, given: GivenDepth<T>) {
+        self.given = if self.depth_source == DepthSource::Given { self.given.with(&given) } else { given };
+        self.depth_source = DepthSource::Given;
+    }
+
+    #[inline(never)]
     fn move_anchor(&mut self, poses: Option<(&CameraPose<T>, &CameraPose<T>)>, next: usize) {
         let seen = self.points[next];
         #[allow(clippy::cast_possible_truncation)] // below 32
@@ -213,6 +189,12 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
         }
         if let (true, Some((old, new))) = (self.active, poses) {
             let (rotation, translation) = CameraPose::target_from_anchor(new, old);
+            if self.depth_source == DepthSource::Given {
+                match self.given.seen_from((rotation * self.direction()).z, translation.z) {
+                    Some(given) => self.given = given,
+                    None => self.depth_source = DepthSource::Usual,
+                }
+            }
             // (b/λ) in the new camera, times λ
             let moved = rotation * self.direction() + translation * self.inverse_depth;
             if moved.z > T::of(1e-2) {
@@ -222,6 +204,9 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
             }
         }
         self.active = false;
+        if self.depth_source == DepthSource::Given {
+            self.depth_source = DepthSource::Usual;
+        }
         self.bearing = [seen.x, seen.y];
     }
 
@@ -264,19 +249,21 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
 
     /// One Gauss-Newton step on bearing and inverse depth over all observations, the anchor's included, poses fixed.
     /// The step is kept only where it lowers the cost. Returns the information of `λ`, the bearing being unknown too.
-    pub fn refine(&mut self, camera_poses: &[CameraPose<T>], prior: &DepthPrior<T>) -> Option<T> {
+    #[inline(never)]
+    pub fn refine(&mut self, camera_poses: &[CameraPose<T>], prior: &DepthKnowledge<T>) -> Option<T> {
         let mut hessian = Matrix3::zeros();
         let mut gradient = Vector3::zeros();
-        let of_prior = |inverse_depth: T| prior.residual(inverse_depth) * prior.residual(inverse_depth);
-        let before =
-            self.cost(camera_poses, self.bearing, self.inverse_depth, Some((&mut hessian, &mut gradient))) + of_prior(self.inverse_depth);
-        hessian[(2, 2)] += prior.inverse_sigma * prior.inverse_sigma;
-        gradient[2] += prior.inverse_sigma * prior.residual(self.inverse_depth);
+        let residual = prior.residual(self.inverse_depth);
+        let before = self.cost(camera_poses, self.bearing, self.inverse_depth, Some((&mut hessian, &mut gradient))) + residual * residual;
+        let slope = prior.slope(self.inverse_depth);
+        hessian[(2, 2)] += slope * slope;
+        gradient[2] += slope * residual;
         let factor = hessian.cholesky()?;
         let step = factor.solve(&gradient);
         let bearing = [self.bearing[0] - step.x, self.bearing[1] - step.y];
         let inverse_depth = self.inverse_depth - step.z;
-        if self.cost(camera_poses, bearing, inverse_depth, None) + of_prior(inverse_depth) < before {
+        let after = prior.residual(inverse_depth);
+        if self.cost(camera_poses, bearing, inverse_depth, None) + after * after < before {
             self.bearing = bearing;
             self.inverse_depth = inverse_depth;
         }
@@ -286,13 +273,15 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
     }
 
     /// Whether observations tell the inverse depth to the mean of the prior, poses fixed.
+    #[inline(never)]
     #[must_use]
     pub fn is_told(&self, camera_poses: &[CameraPose<T>], prior: &DepthPrior<T>) -> bool {
         let mut trial = *self;
-        trial.refine(camera_poses, prior).is_some_and(|information| prior.is_surpassed_by(information))
+        trial.refine(camera_poses, &DepthKnowledge::Usual(*prior)).is_some_and(|information| prior.is_surpassed_by(information))
     }
 
     /// Half the sum of squared whitened residuals, and its normal equations in `(x, y, λ)` where asked for.
+    #[inline(never)]
     fn cost(
         &self,
         camera_poses: &[CameraPose<T>],

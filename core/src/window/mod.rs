@@ -1,15 +1,17 @@
 //! The sliding window: recent frames, keyframes, and the landmarks they see.
 
+mod depth;
 mod flow;
 mod frame;
 mod geometry;
 mod landmark;
 mod policy;
 
+pub use depth::{DepthKnowledge, DepthPrior, DepthSource, GivenDepth};
 pub use flow::{CommonFlow, Stillness};
 pub use frame::Frame;
 pub use geometry::CameraPose;
-pub use landmark::{DepthPrior, Landmark, NormalizedPoint};
+pub use landmark::{Landmark, NormalizedPoint};
 pub use policy::Covisibility;
 
 use heapless::Vec;
@@ -104,6 +106,13 @@ impl<T: Real, const FRAMES: usize, const POINTS: usize> Window<T, FRAMES, POINTS
         }
         self.frames.remove(index);
         self.landmarks.retain(|landmark| landmark.observations() > 0);
+    }
+
+    /// Number of landmarks that frame `index` sees.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation)] // no window holds as many
+    pub fn seen_in(&self, index: usize) -> u32 {
+        self.landmarks.iter().filter(|landmark| landmark.is_seen_in(index)).count() as u32
     }
 
     /// Index of the newest keyframe before `before`.

@@ -3,7 +3,7 @@ use std::vec::Vec;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
-use super::{CameraPose, DepthPrior, Frame, Landmark, NormalizedPoint, Window};
+use super::{CameraPose, DepthKnowledge, DepthPrior, Frame, Landmark, NormalizedPoint, Window};
 use crate::imu::{ImuBias, NavState, Preintegration};
 use crate::real::Real;
 use crate::time::Timestamp;
@@ -56,7 +56,7 @@ fn points() -> impl Strategy<Value = Vector3<f64>> {
 }
 
 /// Nothing is known beforehand.
-const NO_PRIOR: DepthPrior<f64> = DepthPrior { mean: 0.0, inverse_sigma: 0.0 };
+const NO_PRIOR: DepthKnowledge<f64> = DepthKnowledge::Usual(DepthPrior { mean: 0.0, inverse_sigma: 0.0 });
 
 proptest! {
     #[test]

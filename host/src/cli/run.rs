@@ -121,7 +121,6 @@ pub(super) fn word(health: Health) -> &'static str {
             Waiting::Tracks => "initialising: waits for corners followed long enough",
             Waiting::Parallax => "initialising: waits for motion",
             Waiting::Excitation => "initialising: waits for acceleration",
-            Waiting::Work => "initialising: goes on with the next image",
             Waiting::Gravity => "initialising: specific force is far from gravity, check units and axes",
             Waiting::Agreement => "initialising: vision and inertial samples contradict each other, check T_BS, time stamps and sigma_px",
             _ => "initialising",

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use libella_core::estimator::{EstimatorConfig, FirstSigma, StepBudget};
+use libella_core::estimator::{DepthConfig, EstimatorConfig, FirstSigma, StepBudget};
 use libella_core::imu::ImuNoise;
 use libella_core::real::Real;
 use serde::{Deserialize, Serialize};
@@ -311,6 +311,7 @@ impl Config {
             longest_initialisation_s: T::of(estimator.longest_initialisation_s),
             initialisation_spacing_s: T::of(estimator.initialisation_spacing_s),
             initialisation_scale_sigma: T::of(estimator.initialisation_scale_sigma),
+            depth: DepthConfig::default(),
             first_sigma: FirstSigma {
                 tilt_rad: T::of(first.tilt_rad),
                 velocity_m_s: T::of(first.velocity_m_s),
@@ -323,7 +324,7 @@ impl Config {
     /// The bound of one step.
     #[must_use]
     pub fn budget(&self) -> StepBudget {
-        StepBudget { iterations: self.estimator.iterations, ..StepBudget::default() }
+        StepBudget { iterations: self.estimator.iterations }
     }
 }
 

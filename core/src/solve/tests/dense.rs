@@ -97,7 +97,7 @@ pub fn dense(window: &SmallWindow<f64>, prior: &SmallPrior<f64>, settings: &Sett
     for (landmark, column) in window.landmarks.iter().zip(&landmarks) {
         let (anchor, Some(column)) = (landmark.anchor(), column) else { continue };
         let mut whole = DVector::zeros(columns);
-        whole[*column + 2] = settings.prior_on(landmark).inverse_sigma;
+        whole[*column + 2] = settings.prior_on(landmark).slope(landmark.inverse_depth);
         rows.push((whole, settings.prior_on(landmark).residual(landmark.inverse_depth)));
         for (frame, point) in landmark.seen() {
             if frame == anchor {

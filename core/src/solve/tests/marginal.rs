@@ -44,7 +44,7 @@ fn batch(before: &SmallWindow<f64>, after: &SmallWindow<f64>) -> SmallWindow<f64
             landmark.observe(frame + 1, *point);
         }
         (landmark.bearing, landmark.inverse_depth) = (kept.bearing, kept.inverse_depth);
-        (landmark.active, landmark.guessed) = (kept.active, kept.guessed);
+        (landmark.active, landmark.depth_source, landmark.given) = (kept.active, kept.depth_source, kept.given);
         assert!(whole.landmarks.push(landmark).is_ok());
     }
     whole

@@ -13,7 +13,7 @@ use crate::robust::kernel::Kernel;
 use crate::solve::{Settings, Workspace, add_initial};
 use crate::storage::blocks::pairs;
 use crate::track::TrackId;
-use crate::window::{CameraPose, DepthPrior, Frame, Landmark, NormalizedPoint, Window};
+use crate::window::{CameraPose, DepthPrior, DepthSource, Frame, GivenDepth, Landmark, NormalizedPoint, Window};
 
 pub const FRAMES: usize = 8;
 pub const PAIRS: usize = pairs(FRAMES);
@@ -159,7 +159,12 @@ impl<T: Real> World<T> {
             landmark.bearing = [T::of(direction.x), T::of(direction.y)];
             landmark.inverse_depth = T::of(inverse_depth * (1.0 + 0.1 * recipe.error * normal.draw()));
             landmark.active = true;
-            landmark.guessed = recipe.noise > 0.0 && index % 3 == 0;
+            // Each kind of prior, where there is noise for them to stand against.
+            match index % 3 {
+                0 if recipe.noise > 0.0 => landmark.depth_source = DepthSource::Guessed,
+                1 if recipe.noise > 0.0 => landmark.give(GivenDepth { inverse_depth: T::of(0.25), inverse_sigma_log: T::of(2.0) }),
+                _ => {}
+            }
             inverse_depths.push(T::of(inverse_depth));
             assert!(window.landmarks.push(landmark).is_ok());
         }

@@ -59,6 +59,8 @@ pub struct EstimatorConfig<T: Real> {
     pub initialisation_scale_sigma: T,
     /// How depth that someone else tells is used.
     pub depth: DepthConfig<T>,
+    /// How planes that someone else finds are used.
+    pub planes: PlaneConfig<T>,
     /// Standard deviations of the first state: tilt (rad), velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s²).
     pub first_sigma: FirstSigma<T>,
 }
@@ -81,6 +83,7 @@ blank!([T: Real] EstimatorConfig<T> {
     inverse_depth_sigma_per_m,
     inverse_depth_guess_sigma_per_m,
     depth,
+    planes,
     rest_sigma_m_s,
     rest_motion_px,
     least_tracked,
@@ -107,6 +110,25 @@ pub struct DepthConfig<T: Real> {
     pub gate_sigma: T,
     /// Shortest stretch of motion for a start with depths, s.
     pub shortest_start_s: T,
+}
+
+/// How planes that someone else finds are used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlaneConfig<T: Real> {
+    /// `β`, what the cost of being off a plane counts beside that of corners.
+    pub weight: T,
+    /// What a point of a real surface is off its plane, m.
+    pub sigma_m: T,
+    /// A landmark is on a plane up to this distance, m.
+    pub theta_m: T,
+}
+
+blank!([T: Real] PlaneConfig<T> { weight, sigma_m, theta_m });
+
+impl<T: Real> Default for PlaneConfig<T> {
+    fn default() -> Self {
+        Self { weight: T::of(0.1), sigma_m: T::of(0.02), theta_m: T::of(0.05) }
+    }
 }
 
 /// Uncertainty of the first state.
@@ -175,6 +197,7 @@ impl<T: Real> Default for EstimatorConfig<T> {
             initialisation_spacing_s: T::of(0.18),
             initialisation_scale_sigma: T::of(0.15),
             depth: DepthConfig::default(),
+            planes: PlaneConfig::default(),
             first_sigma: FirstSigma {
                 tilt_rad: T::of(0.1),
                 velocity_m_s: T::of(0.5),

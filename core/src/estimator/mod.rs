@@ -8,11 +8,12 @@ mod input;
 mod outliers;
 mod output;
 mod place;
+mod planes;
 mod running;
 mod sliding;
 mod starting;
 
-pub use config::{DepthConfig, EstimatorConfig, FirstSigma};
+pub use config::{DepthConfig, EstimatorConfig, FirstSigma, PlaneConfig};
 pub use output::{DepthReport, FrameOutcome, Health, InputError, StateEstimate, StepBudget, StepReport, Waiting};
 pub use place::Place;
 
@@ -64,7 +65,6 @@ pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POI
     image_motion: CommonFlow<T>,
     /// Since when the image stands still.
     stillness: Stillness<T>,
-    /// How far a start in motion has come that is spread over several images.
     /// Images in a row that contradicted the solution.
     contradictions: u8,
     report: StepReport<T>,

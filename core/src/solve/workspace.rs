@@ -5,6 +5,7 @@ use nalgebra::{Isometry3, SMatrix, Vector2, Vector3};
 use super::marginalize::fits as marginalization_fits;
 use super::normal::NormalEquations;
 use crate::factor::imu;
+use crate::factor::point_on_plane::PlaneLinearization;
 use crate::factor::reprojection::{self, CameraMount, PairGeometry, ReprojectionLinearization};
 use crate::imu::{ImuBias, NavState};
 use crate::real::Real;
@@ -151,6 +152,25 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Geometry<T, FRAMES, PAIRS
         } else {
             reprojection::residual(self.pair(anchor, frame), direction, inverse_depth, point)
         }
+    }
+
+    /// How far a landmark is off its plane, whitened, where it has one.
+    #[inline(always)]
+    pub fn plane_residual(&self, landmark: &Landmark<T, FRAMES>) -> Option<T> {
+        if !landmark.plane.is_some() {
+            return None;
+        }
+        landmark.plane.residual(self.camera_poses.get(landmark.anchor())?, &landmark.direction(), landmark.inverse_depth)
+    }
+
+    /// The same, linearised.
+    #[inline(always)]
+    pub fn linearize_plane(&self, landmark: &Landmark<T, FRAMES>) -> Option<PlaneLinearization<T>> {
+        if !landmark.plane.is_some() {
+            return None;
+        }
+        let (camera, first) = (self.camera_poses.get(landmark.anchor())?, self.first_camera_poses.get(landmark.anchor())?);
+        landmark.plane.linearize(camera, first, &landmark.direction(), landmark.inverse_depth)
     }
 
     /// One observation, linearised.

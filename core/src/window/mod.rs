@@ -66,6 +66,9 @@ impl<T: Real, const FRAMES: usize, const POINTS: usize> Window<T, FRAMES, POINTS
                 first.position_in_world -= step;
             }
         }
+        for plane in self.landmarks.iter_mut().map(|landmark| &mut landmark.plane) {
+            plane.offset_m += Vector3::from(plane.normal_in_world).dot(&step);
+        }
     }
 
     /// The state of one of the frames, its position counted from the origin of the world.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use libella_core::estimator::{DepthConfig, EstimatorConfig, FirstSigma, StepBudget};
+use libella_core::estimator::{DepthConfig, EstimatorConfig, FirstSigma, PlaneConfig, StepBudget};
 use libella_core::imu::ImuNoise;
 use libella_core::real::Real;
 use serde::{Deserialize, Serialize};
@@ -312,6 +312,7 @@ impl Config {
             initialisation_spacing_s: T::of(estimator.initialisation_spacing_s),
             initialisation_scale_sigma: T::of(estimator.initialisation_scale_sigma),
             depth: DepthConfig::default(),
+            planes: PlaneConfig::default(),
             first_sigma: FirstSigma {
                 tilt_rad: T::of(first.tilt_rad),
                 velocity_m_s: T::of(first.velocity_m_s),

@@ -11,6 +11,7 @@ use libella_host::dataset::{self, Recording};
 use libella_host::eval::{Evaluation, evaluate};
 use libella_host::fault::Fault;
 use libella_host::pipeline::{self, Ended, Figure, Report, Run};
+use libella_host::planes;
 
 use super::{Exit, say};
 
@@ -27,12 +28,26 @@ pub(crate) struct Arguments {
     /// Number type of the estimator, `f64` or `f32`; overrides the configuration.
     #[arg(long, value_parser = parse_scalar)]
     scalar: Option<Scalar>,
+    /// Planes: `off`, `find` them, or `use` them in the estimator as well; overrides the configuration.
+    #[arg(long, value_name = "MODE")]
+    planes: Option<PlanesMode>,
     /// Seed of everything random; overrides the configuration.
     #[arg(long)]
     seed: Option<u64>,
     /// Prints nothing but errors.
     #[arg(long, short)]
     quiet: bool,
+}
+
+/// What is done about planes.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum PlanesMode {
+    /// Nothing.
+    Off,
+    /// They are found and shown.
+    Find,
+    /// Landmarks are drawn to them besides.
+    Use,
 }
 
 /// So many images on which vision and inertial samples disagree are no accident: a second of most recordings.
@@ -50,6 +65,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let mut config = arguments.config.as_deref().map_or_else(|| Ok(Config::default()), Config::read)?;
     config.scalar = arguments.scalar.unwrap_or(config.scalar);
     config.seed = arguments.seed.unwrap_or(config.seed);
+    if let Some(mode) = arguments.planes {
+        config.planes.find = !matches!(mode, PlanesMode::Off);
+        config.planes.used = matches!(mode, PlanesMode::Use);
+    }
     let recording = dataset::open(&arguments.dataset, &config.dataset)?;
     let folder = arguments.out.clone().unwrap_or_else(|| Path::new("out").join(&recording.name));
     if !arguments.quiet {
@@ -88,6 +107,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         evaluation: evaluation.as_ref(),
     };
     pipeline::draw(&folder, &figure)?;
+    if let Some(found) = &run.planes {
+        planes::write(&folder, found)?;
+        pipeline::draw_planes(&folder, &figure, found)?;
+    }
     if !arguments.quiet {
         say(&describe(&recording, &report, evaluation.as_ref(), &folder));
     }
@@ -171,6 +194,12 @@ pub(super) fn describe(recording: &Recording, report: &Report, evaluation: Optio
             "core            {:.2} ms per image (median), {:.2} p95, {:.2} max; {stages}",
             total.median, total.p95, total.max
         ));
+    }
+    if let Some(planes) = &report.planes {
+        let classes: Vec<_> = planes.by_class.iter().map(|(class, count)| format!("{count} {class}")).collect();
+        let classes = if classes.is_empty() { "none".into() } else { classes.join(", ") };
+        let share = planes.share_on_planes.map(|share| format!("; {:.0} % of the landmarks lay on one", 100.0 * share)).unwrap_or_default();
+        lines.push(format!("planes          {classes}, among {} points{share}", planes.points));
     }
     let memory = report.rss_peak_mb.map(|peak| format!(", {peak:.0} MB at most")).unwrap_or_default();
     lines.push(format!("run             {:.2} s wall, {:.0} images/s{memory}", report.wall_s, report.images_per_s));

@@ -1,8 +1,12 @@
 //! Every number that may be tuned, as one file whose unknown keys are refused.
 
+mod planes;
+
+pub use planes::PlanesSection;
+
 use std::path::Path;
 
-use libella_core::estimator::{DepthConfig, EstimatorConfig, FirstSigma, PlaneConfig, StepBudget};
+use libella_core::estimator::{DepthConfig, EstimatorConfig, FirstSigma, StepBudget};
 use libella_core::imu::ImuNoise;
 use libella_core::real::Real;
 use serde::{Deserialize, Serialize};
@@ -37,6 +41,8 @@ pub struct Config {
     pub dataset: DatasetSection,
     /// Comparison with the truth.
     pub evaluation: EvaluationSection,
+    /// Planes among the points of the map.
+    pub planes: PlanesSection,
 }
 
 /// Numbers of the estimator, see [`EstimatorConfig`]; the defaults are those of the core.
@@ -142,6 +148,7 @@ impl Default for Config {
             estimator: EstimatorSection::default(),
             dataset: DatasetSection::default(),
             evaluation: EvaluationSection::default(),
+            planes: PlanesSection::default(),
         }
     }
 }
@@ -265,7 +272,7 @@ impl Config {
             ("estimator.iterations", f64::from(self.estimator.iterations)),
             ("dataset.images_ahead", self.dataset.images_ahead.min(1_000) as f64),
         ];
-        for (key, value) in positive.into_iter().chain(distances).chain(counts) {
+        for (key, value) in positive.into_iter().chain(distances).chain(counts).chain(self.planes.positive()) {
             if !(value.is_finite() && value > 0.0) {
                 return Err(Fault::new(FaultKind::Configuration, format!("`{key}` is {value}"), "give a positive number"));
             }
@@ -273,6 +280,13 @@ impl Config {
         if self.dataset.images_ahead > 1_000 {
             let what = format!("`dataset.images_ahead` is {}", self.dataset.images_ahead);
             return Err(Fault::new(FaultKind::Configuration, what, "1 to 1000: each image ahead is held in memory"));
+        }
+        if !(0.0..=1.0).contains(&self.planes.follow) {
+            return Err(Fault::new(
+                FaultKind::Configuration,
+                format!("`planes.follow` is {}", self.planes.follow),
+                "give a share of 0 to 1",
+            ));
         }
         Ok(())
     }
@@ -312,7 +326,7 @@ impl Config {
             initialisation_spacing_s: T::of(estimator.initialisation_spacing_s),
             initialisation_scale_sigma: T::of(estimator.initialisation_scale_sigma),
             depth: DepthConfig::default(),
-            planes: PlaneConfig::default(),
+            planes: self.planes.for_core(),
             first_sigma: FirstSigma {
                 tilt_rad: T::of(first.tilt_rad),
                 velocity_m_s: T::of(first.velocity_m_s),

@@ -19,6 +19,7 @@ use crate::config::{Config, Scalar};
 use crate::dataset::{Event, Recording};
 use crate::eval::{StampedPose, Trajectory};
 use crate::fault::{Fault, FaultKind};
+use crate::planes::{PlaneFinder, Planes};
 
 /// Room for the pyramids of images up to about 1.5 megapixels; pages that are never touched cost nothing.
 const PYRAMID_BYTES: usize = 2 << 20;
@@ -100,6 +101,8 @@ pub struct Run {
     pub frames: Vec<FrameResult>,
     /// How it ended.
     pub ended: Ended,
+    /// The planes and points, where they were sought.
+    pub planes: Option<Planes>,
     /// Wall time, s.
     pub wall_s: f64,
 }
@@ -149,7 +152,7 @@ fn run_to(
     let begun = Instant::now();
     let (sender, receiver) = channel();
     let mut frames = Vec::with_capacity(recording.frames.len());
-    let ended = std::thread::scope(|scope| {
+    let (ended, planes) = std::thread::scope(|scope| {
         let work = move || match config.scalar {
             Scalar::F64 => work::<f64>(recording, config, stop, watched, &sender),
             Scalar::F32 => work::<f32>(recording, config, stop, watched, &sender),
@@ -166,12 +169,12 @@ fn run_to(
             frames.push(frame);
         }
         match thread.join() {
-            Ok(Ok(Ok(ended))) => Ok(ended),
+            Ok(Ok(Ok(finished))) => Ok(finished),
             Ok(Ok(Err(fault))) => Err(fault),
-            Ok(Err(payload)) | Err(payload) => Ok(Ended::Failed(said(payload.as_ref()))),
+            Ok(Err(payload)) | Err(payload) => Ok((Ended::Failed(said(payload.as_ref())), None)),
         }
     })?;
-    Ok(Run { frames, ended, wall_s: begun.elapsed().as_secs_f64() })
+    Ok(Run { frames, ended, planes, wall_s: begun.elapsed().as_secs_f64() })
 }
 
 fn said(payload: &(dyn std::any::Any + Send)) -> String {
@@ -184,6 +187,7 @@ struct Worker<'a, T: Real> {
     estimator: Box<Desktop<T>>,
     pyramids: Box<PyramidPair<PYRAMID_BYTES>>,
     config: &'a Config,
+    finder: Option<PlaneFinder>,
     imu_ms: f64,
     refused_imu: Refusals,
 }
@@ -194,13 +198,14 @@ fn work<T: Real>(
     stop: &AtomicBool,
     watched: bool,
     sender: &Sender<(FrameResult, Option<View>)>,
-) -> Result<Ended, Fault> {
+) -> Result<(Ended, Option<Planes>), Fault> {
     let rig = &recording.rig;
     let settings = config.estimator_config::<T>(&rig.imu_noise);
     let mut worker = Worker {
         estimator: Box::new(Desktop::<T>::new(settings, rig.camera_as(), rig.body_from_camera_as())),
         pyramids: Box::default(),
         config,
+        finder: config.planes.finder().map(PlaneFinder::new).transpose()?,
         imu_ms: 0.0,
         refused_imu: Refusals::default(),
     };
@@ -228,10 +233,10 @@ fn work<T: Real>(
         };
         let view = (watched && result.outcome.is_some()).then(|| view::of(&worker.estimator, rig, result.stamp, pixels));
         if sender.send((result, view)).is_err() || stop.load(Ordering::Relaxed) {
-            return Ok(Ended::Interrupted);
+            return Ok((Ended::Interrupted, worker.finder.map(PlaneFinder::finish)));
         }
     }
-    Ok(Ended::Complete)
+    Ok((Ended::Complete, worker.finder.map(PlaneFinder::finish)))
 }
 
 impl<T: Real> Worker<'_, T> {
@@ -259,6 +264,13 @@ impl<T: Real> Worker<'_, T> {
         let begun = Instant::now();
         let outcome = self.estimator.step(self.config.budget());
         let solve_ms = milliseconds_since(begun);
+        if let Some(finder) = &mut self.finder {
+            match outcome {
+                FrameOutcome::Tracked | FrameOutcome::NewKeyframe => finder.look(&mut self.estimator, stamp),
+                FrameOutcome::Initialised | FrameOutcome::Lost => finder.forget(),
+                _ => {}
+            }
+        }
         FrameResult { outcome: Some(outcome), track_ms, solve_ms, pose: self.pose_at(stamp), ..self.blank(stamp) }
     }
 

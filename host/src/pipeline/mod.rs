@@ -5,6 +5,7 @@
 
 mod estimate;
 mod figure;
+mod planes_figure;
 mod record;
 mod resources;
 mod sheet;
@@ -13,7 +14,8 @@ mod view;
 
 pub use estimate::{Ended, FrameResult, PoseResult, Refusals, Run, run, run_watched};
 pub use figure::{Figure, draw};
-pub use record::{Consistency, CoreTiming, LeftOut, Report, Timing, prepare_outputs, write_outputs};
+pub use planes_figure::draw_planes;
+pub use record::{Consistency, CoreTiming, LeftOut, PlanesReport, Report, Timing, prepare_outputs, write_outputs};
 pub use resources::rss_peak_mb;
 pub use sheet::ContactSheet;
 pub use simulated::{RenderClock, rendered_recording, tracked_recording};

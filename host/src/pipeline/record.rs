@@ -13,6 +13,7 @@ use crate::config::{Config, Scalar};
 use crate::dataset::{Layout, Recording, Remark};
 use crate::eval::{Evaluation, Matched, PoseWithCovariance, RelativeError, Statistics, pose_nees};
 use crate::fault::{Fault, FaultKind};
+use crate::planes::{Planes, name_of as name_of_class};
 
 /// A time per image in a few numbers, ms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -68,6 +69,30 @@ impl From<Refusals> for LeftOut {
     }
 }
 
+/// Planes that stood at the end.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PlanesReport {
+    /// How many of each class.
+    pub by_class: BTreeMap<&'static str, usize>,
+    /// Planes that became part of another or were given up.
+    pub gone: usize,
+    /// Points of the map.
+    pub points: usize,
+    /// Mean share of the landmarks that were drawn to a plane, where planes were used.
+    pub share_on_planes: Option<f64>,
+}
+
+impl From<&Planes> for PlanesReport {
+    fn from(planes: &Planes) -> Self {
+        let mut by_class = BTreeMap::new();
+        for plane in planes.planes.iter().filter(|plane| plane.gone_into.is_none()) {
+            *by_class.entry(name_of_class(plane.class)).or_default() += 1;
+        }
+        let gone = planes.planes.iter().filter(|plane| plane.gone_into.is_some()).count();
+        Self { by_class, gone, points: planes.points.len(), share_on_planes: planes.share_on_planes }
+    }
+}
+
 /// `report.json`. The names of the fields are an interface: they stay.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
@@ -113,6 +138,8 @@ pub struct Report {
     pub wall_s: f64,
     /// Largest resident memory of the process, MB.
     pub rss_peak_mb: Option<f64>,
+    /// Planes, where they were sought.
+    pub planes: Option<PlanesReport>,
     /// How often each outcome of a frame occurred.
     pub outcomes: BTreeMap<String, usize>,
     /// Images that were left out.
@@ -167,6 +194,7 @@ impl Report {
             images_per_s: run.frames.len() as f64 / run.wall_s.max(1e-9),
             wall_s: run.wall_s,
             rss_peak_mb: rss_peak_mb(),
+            planes: run.planes.as_ref().map(PlanesReport::from),
             outcomes,
             images_left_out: images.into(),
             imu_left_out: samples.into(),

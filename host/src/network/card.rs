@@ -227,7 +227,7 @@ mod tests {
     fn what_is_wrong_is_said_in_one_sentence() {
         let good = SHIPPED[0];
         for (from, to, said) in [
-            ("kind = \"inverse\"", "kind = \"disparity\"", "line 12: is no description of a network"),
+            ("kind = \"inverse\"", "kind = \"disparity\"", "line 13: is no description of a network"),
             ("[depth]", "[deep]", "unknown field"),
             ("name = \"image\"", "title = \"image\"", "unknown field"),
             ("sigma_per_u = 0.837", "sigma_per_u = -1", "sigma_per_u = -1 is not between"),

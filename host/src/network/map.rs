@@ -87,30 +87,25 @@ impl DepthMap {
     #[must_use]
     #[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss, clippy::cast_sign_loss)]
     pub fn sample(&self, pixel: [f64; 2]) -> Option<DepthSample> {
-        let sides = [self.width, self.height];
-        let mut low = [0; 2];
-        let mut high = [0; 2];
-        let mut share = [0.0_f32; 2];
-        for axis in 0..2 {
-            let last = sides[axis].checked_sub(1)? as f64;
+        let along = |axis: usize, side: usize| {
+            let last = side.checked_sub(1)?;
             let at = (pixel[axis] - self.origin_px[axis]) / self.step_px[axis];
-            // Also refuses NaN.
-            if !(at >= -0.5 && at <= last + 0.5) {
-                return None;
-            }
-            let at = at.clamp(0.0, last);
-            low[axis] = at as usize;
-            high[axis] = (low[axis] + 1).min(sides[axis] - 1);
-            share[axis] = (at - low[axis] as f64) as f32;
-        }
-        let corners = [[low[0], low[1]], [high[0], low[1]], [low[0], high[1]], [high[0], high[1]]].map(|[x, y]| y * self.width + x);
+            // NaN lies nowhere.
+            (-0.5..=last as f64 + 0.5).contains(&at).then(|| {
+                let at = at.clamp(0.0, last as f64);
+                let low = at as usize;
+                (low, (low + 1).min(last), (at - low as f64) as f32)
+            })
+        };
+        let ((left, right, across), (top, bottom, down)) = (along(0, self.width)?, along(1, self.height)?);
+        let corners = [[left, top], [right, top], [left, bottom], [right, bottom]].map(|[x, y]| y * self.width + x);
         if !corners.iter().all(|corner| self.is_known(*corner)) {
             return None;
         }
         let between = |values: &[f32]| {
             let [a, b, c, d] = corners.map(|corner| values.get(corner).copied().unwrap_or(f32::NAN));
-            let (top, bottom) = (a + (b - a) * share[0], c + (d - c) * share[0]);
-            top + (bottom - top) * share[1]
+            let (above, below) = (a + (b - a) * across, c + (d - c) * across);
+            above + (below - above) * down
         };
         Some(DepthSample {
             inverse_depth_1_m: between(&self.inverse_depth_1_m),

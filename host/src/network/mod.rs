@@ -25,7 +25,7 @@ mod spoil;
 mod worker;
 
 pub use camera::{Resampling, SAME_CAMERA_PX};
-pub use card::{DepthOutput, ModelCamera, ModelCard, OutputKind, UncertaintyOutput};
+pub use card::{DepthOutput, DistortionModel, ModelCamera, ModelCard, OutputKind, UncertaintyOutput};
 pub use choice::{MODELS_VARIABLE, ModelChoice};
 pub use error::NetworkError;
 pub use map::{DepthKind, DepthMap, DepthSample};

@@ -14,7 +14,7 @@ use libella_core::image::ImageView;
 use libella_core::time::Timestamp;
 
 use super::{DepthMap, DepthNetwork, NetworkError};
-use crate::sim::random::Random;
+use crate::sim::random::{Random, mix};
 
 /// Noise of depth maps.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,7 +105,7 @@ impl<N: DepthNetwork> DepthNetwork for Spoiled<N> {
             return Ok(first.clone());
         }
         let mut map = self.network.predict(stamp, image)?;
-        let mut random = Random::new(self.seed ^ stamp.as_nanos().cast_unsigned(), "depth");
+        let mut random = Random::new(mix(self.seed) ^ stamp.as_nanos().cast_unsigned(), "depth");
         match self.spoil {
             Spoil::Noise(noise) => add_noise(&mut map, &noise, &mut random),
             Spoil::Doubled => map.inverse_depth_1_m.iter_mut().for_each(|value| *value *= 0.5),

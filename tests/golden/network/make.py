@@ -56,6 +56,7 @@ def pool(to="depth", source="image"):
 def small():
     model("mean", [pool()])  # what it gives is the mean grey of 4 x 4 pixels
     model("both", [pool(), helper.make_node("Sigmoid", ["depth"], ["u"])], outputs=("depth", "u"))
+    model("twice", [pool(), helper.make_node("Add", ["depth", "depth"], ["u"])], outputs=("depth", "u"))
     model("double", [pool()], kind=TensorProto.DOUBLE)
     model("colour", [pool()], shape=(1, 3, 32, 48), out=(1, 3, 8, 12))
     model("unsized", [pool()], shape=(1, 1, "h", "w"), out=(1, 1, "a", "b"))

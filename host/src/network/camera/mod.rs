@@ -7,7 +7,7 @@
 //! (x/z, y/z, 1),   (x, y, 1) = unproject_model(p)
 //! ```
 //! To the model a scene seen so looks like one whose depths are divided by z, therefore its depths are multiplied by z. z is 1
-//! where the caller's image fills at least [`LEAST_COVERED`] of the model's; a longer lens gets the smallest z that does so.
+//! where the caller's image fills at least nine tenths of the model's; a longer lens gets the smallest z that does so.
 //!
 //! An image of the model's own camera (see [`SAME_CAMERA_PX`]) is only shrunk, and its map is what the network gave. Any other is
 //! looked up through a table that is made once: every pixel of the model's image is the mean of a few bilinear samples spread over

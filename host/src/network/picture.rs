@@ -28,7 +28,7 @@ const DEPTH_COLORS: [[f64; 3]; 5] =
     [[255.0, 72.0, 48.0], [255.0, 176.0, 32.0], [150.0, 226.0, 84.0], [40.0, 200.0, 205.0], [84.0, 140.0, 255.0]];
 const SIGMA_COLORS: [[f64; 3]; 4] = [[18.0, 16.0, 60.0], [130.0, 30.0, 120.0], [240.0, 100.0, 60.0], [255.0, 240.0, 150.0]];
 /// Numbers that a legend may show.
-const ROUND: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+const ROUND: [f64; 12] = [1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0];
 
 type Paper<'a> = DrawingArea<BitMapBackend<'a>, Shift>;
 
@@ -250,7 +250,10 @@ mod tests {
     #[test]
     fn a_legend_has_round_numbers_within_its_range() {
         let scale = Scale::new(0.55, 7.3, "", false, None);
-        assert_eq!(scale.ticks().into_iter().map(round3).collect::<Vec<_>>(), [0.6, 0.7, 0.8, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        assert_eq!(
+            scale.ticks().into_iter().map(round3).collect::<Vec<_>>(),
+            [0.6, 0.7, 0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0]
+        );
         assert!(scale.place(0.1) <= 0.0 && scale.place(50.0) >= 1.0 && (scale.place((0.55_f64 * 7.3).sqrt()) - 0.5).abs() < 1e-9);
     }
 

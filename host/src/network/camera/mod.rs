@@ -34,7 +34,7 @@ pub const SAME_CAMERA_PX: f64 = 0.25;
 const LEAST_COVERED: f64 = 0.9;
 const LARGEST_ZOOM: f64 = 8.0;
 /// Samples along one side of a pixel of the input, at most.
-const MOST_SAMPLES: usize = 8;
+const MOST_SAMPLES: usize = 4;
 /// Nothing is known there.
 const NOWHERE: u32 = u32::MAX;
 

@@ -79,7 +79,7 @@ impl OnnxNetwork {
             return Err(Fault::new(FaultKind::Configuration, format!("{threads} threads for the network are not between 1 and 64"), ""));
         }
         let made = quietly(|| catch_unwind(AssertUnwindSafe(|| check::prepare(bytes, path, card, threads))));
-        let (plan, input, output) = made.unwrap_or_else(|_| Err(damaged(path, "tract gave up on it")))?;
+        let (plan, input, output) = made.unwrap_or_else(|_| Err(damaged(path, "tract gave up on it"))).map_err(tidy)?;
         let resampling = Resampling::new(camera, &card.input, input, output)?;
         let name = path.file_name().map_or_else(|| "network".into(), |name| name.to_string_lossy().into_owned());
         Ok(Self { plan, threads, card: card.clone(), name, input, output, resampling })
@@ -160,11 +160,23 @@ fn damaged(path: &Path, reason: &str) -> Fault {
     )
 }
 
-/// An error with its causes, in one line of bounded length.
-fn one_line(error: &TractError) -> String {
-    let text = format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ");
-    match text.char_indices().nth(240) {
-        Some((end, _)) => format!("{}...", &text[..end]),
-        None => text,
+/// Names within a file may hold anything.
+fn tidy(mut fault: Fault) -> Fault {
+    fault.what = shortened(&fault.what);
+    fault
+}
+
+/// One line of bounded length.
+fn shortened(text: &str) -> String {
+    let plain: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    let line = plain.split_whitespace().collect::<Vec<_>>().join(" ");
+    match line.char_indices().nth(300) {
+        Some((end, _)) => format!("{}...", &line[..end]),
+        None => line,
     }
+}
+
+/// An error with its causes.
+fn one_line(error: &TractError) -> String {
+    shortened(&format!("{error:#}"))
 }

@@ -41,7 +41,7 @@ fn tract_agrees_with_pytorch() {
         let path = models().join(format!("{name}.onnx"));
         let card = ModelCard::read(&path.with_extension("toml")).unwrap();
         // At the size of the input nothing is resampled.
-        let mut network = OnnxNetwork::open(&path, &card.input.camera([320, 192]), 1).unwrap();
+        let mut network = OnnxNetwork::open(&path, &card.input.camera([320, 192])).unwrap();
         assert!(network.resampling().is_same_camera());
         let map = predict(&mut network, &made_up_image(), [320, 192]).unwrap();
         assert_eq!((map.width, map.height, map.step_px, map.origin_px, map.kind), (80, 48, [4.0; 2], [1.5; 2], DepthKind::Metric));
@@ -67,25 +67,22 @@ fn the_same_image_gives_the_same_bits() {
     let path = models().join("indoor.onnx");
     let card = ModelCard::read(&path.with_extension("toml")).unwrap();
     let camera = card.input.camera([320, 192]);
-    let mut one = OnnxNetwork::open(&path, &camera, 1).unwrap();
+    let mut one = OnnxNetwork::open(&path, &camera).unwrap();
     let first = bits(&predict(&mut one, &image, [320, 192]).unwrap());
     let other: Vec<u8> = image.iter().map(|pixel| 255 - pixel).collect();
     assert_ne!(bits(&predict(&mut one, &other, [320, 192]).unwrap()), first);
     assert_eq!(bits(&predict(&mut one, &image, [320, 192]).unwrap()), first);
-    // Neither another instance nor another number of threads changes a bit.
-    for threads in [1, 2, 3] {
-        let mut again = OnnxNetwork::open(&path, &camera, threads).unwrap();
-        assert_eq!(bits(&predict(&mut again, &image, [320, 192]).unwrap()), first, "{threads} threads");
-    }
+    let mut again = OnnxNetwork::open(&path, &camera).unwrap();
+    assert_eq!(bits(&predict(&mut again, &image, [320, 192]).unwrap()), first, "another instance");
 }
 
 #[test]
 fn the_names_on_the_command_line_open_the_shipped_networks() {
-    let open = |name: &str| name.parse::<ModelChoice>().unwrap().open(&euroc(), 1);
+    let open = |name: &str| name.parse::<ModelChoice>().unwrap().open(&euroc(), None);
     assert!(open("none").unwrap().is_none());
     for name in ["indoor", "euroc"] {
         let mut network = open(name).unwrap().unwrap();
-        assert_eq!(network.describe(), format!("{name}.onnx, 320x192 to 80x48, tract, 1 thread"));
+        assert_eq!(network.describe(), format!("{name}.onnx, 320x192 to 80x48, tract"));
         let map = network.predict(SOME_TIME, &ImageView::new(&[99; 752 * 480], 752, 480, 752).unwrap()).unwrap();
         assert_eq!((map.width, map.height, map.step_px, map.origin_px), (80, 48, [9.4, 10.0], [4.2, 4.5]));
         assert!(map.known_share() > 0.999);
@@ -119,7 +116,7 @@ impl Small {
 
     fn open(&self) -> Result<OnnxNetwork, String> {
         let path = self.folder.path().join("m.onnx");
-        OnnxNetwork::open(&path, &Self::camera(), 1).map_err(|fault| {
+        OnnxNetwork::open(&path, &Self::camera()).map_err(|fault| {
             let text = fault.to_string();
             assert_eq!(text.lines().count(), 1, "{text}");
             assert!(text.len() < 600, "{text}");
@@ -142,7 +139,7 @@ fn depth_of_a_fisheye_lies_at_its_pixels() {
         .flat_map(|y| (0..320).map(move |x| [f64::from(x), f64::from(y)]))
         .map(|[x, y]| slope(x, y).round().clamp(0.0, 255.0) as u8)
         .collect();
-    let mut network = OnnxNetwork::open(&small.folder.path().join("m.onnx"), &fisheye, 1).unwrap();
+    let mut network = OnnxNetwork::open(&small.folder.path().join("m.onnx"), &fisheye).unwrap();
     assert!(!network.resampling().is_same_camera());
     let map = network.predict(SOME_TIME, &ImageView::new(&pixels, 320, 300, 320).unwrap()).unwrap();
     let mut checked = 0;
@@ -226,13 +223,12 @@ fn every_file_that_does_not_fit_is_told_in_one_sentence() {
     // A card can be given instead of the file, and name it.
     let small = Small::golden("mean", &format!("file = \"other.onnx\"\n{}", Small::CARD));
     fs::rename(small.folder.path().join("m.onnx"), small.folder.path().join("other.onnx")).unwrap();
-    OnnxNetwork::open(&small.folder.path().join("m.toml"), &Small::camera(), 1).unwrap();
+    OnnxNetwork::open(&small.folder.path().join("m.toml"), &Small::camera()).unwrap();
     // Too large a file is not even read: this one is a hole of 65 MiB.
     let small = Small::new(b"", Small::CARD);
     fs::File::options().write(true).open(small.folder.path().join("m.onnx")).unwrap().set_len(65 << 20).unwrap();
     assert!(small.open().err().unwrap().contains("has 65.0 MiB, more than 64 MiB"));
-    assert!(OnnxNetwork::open(&golden(), &Small::camera(), 1).unwrap_err().to_string().contains("is no file"));
-    assert!(OnnxNetwork::open(&golden().join("mean.onnx"), &Small::camera(), 0).is_err());
+    assert!(OnnxNetwork::open(&golden(), &Small::camera()).unwrap_err().to_string().contains("is no file"));
 }
 
 #[test]
@@ -254,7 +250,7 @@ fn numbers_that_are_not_finite_are_refused_and_the_next_image_is_not() {
 
 /// A damaged file is refused, or gives a network that runs or says why not; nothing panics, hangs or takes all memory.
 fn damaged(bytes: &[u8], card: &ModelCard, camera: &CameraModel<f64>, image: &[u8], size: [usize; 2]) -> bool {
-    match OnnxNetwork::from_bytes(bytes, Path::new("m.onnx"), card, camera, 1) {
+    match OnnxNetwork::from_bytes(bytes, Path::new("m.onnx"), card, camera) {
         Ok(mut network) => {
             if let Ok(map) = predict(&mut network, image, size) {
                 assert!(map.inverse_depth_1_m.iter().all(|value| value.is_finite()));
@@ -361,18 +357,16 @@ fn stored_maps_are_replayed_in_their_pixels() {
 fn speed() {
     let pixels: Vec<u8> = (0..752 * 480).map(|k: u32| ((k % 752) / 3 + k / 752 / 2) as u8).collect();
     for name in ["indoor", "euroc"] {
-        for threads in [1, 2] {
-            let mut network = OnnxNetwork::open(&models().join(format!("{name}.onnx")), &euroc(), threads).unwrap();
-            let mut ms: Vec<f64> = (0..33)
-                .map(|_| {
-                    let begun = std::time::Instant::now();
-                    predict(&mut network, &pixels, [752, 480]).unwrap();
-                    begun.elapsed().as_secs_f64() * 1e3
-                })
-                .skip(3)
-                .collect();
-            ms.sort_by(f64::total_cmp);
-            println!("{name}, {threads} threads: median {:.1} ms of 30, least {:.1}, most {:.1}", ms[15], ms[0], ms[29]);
-        }
+        let mut network = OnnxNetwork::open(&models().join(format!("{name}.onnx")), &euroc()).unwrap();
+        let mut ms: Vec<f64> = (0..33)
+            .map(|_| {
+                let begun = std::time::Instant::now();
+                predict(&mut network, &pixels, [752, 480]).unwrap();
+                begun.elapsed().as_secs_f64() * 1e3
+            })
+            .skip(3)
+            .collect();
+        ms.sort_by(f64::total_cmp);
+        println!("{name}: median {:.1} ms of 30, least {:.1}, most {:.1}", ms[15], ms[0], ms[29]);
     }
 }

@@ -15,7 +15,8 @@ use super::{Exit, say};
 pub(crate) struct Arguments {
     /// A PNG or JPEG image as the camera gives it, not rectified.
     image: PathBuf,
-    /// indoor (part of this program), euroc (for non-commercial use; looked for in $LIBELLA_MODELS), or an ONNX file with its .toml.
+    /// indoor (part of this program), euroc (for non-commercial use; looked for in $LIBELLA_MODELS), an ONNX file with its .toml, or
+    /// recorded:FOLDER for the stored map of an image that is named by its stamp.
     #[arg(long, default_value = "indoor")]
     model: ModelChoice,
     /// The camera's sensor.yaml. If not given: that of the recording which the image lies in, otherwise EuRoC's left camera.
@@ -24,21 +25,18 @@ pub(crate) struct Arguments {
     /// The picture; if not given, `<name of the image>.depth.png` in the working directory.
     #[arg(long, value_name = "FILE.png")]
     out: Option<PathBuf>,
-    /// Threads that work on the image, 1 to 64.
-    #[arg(long, default_value_t = 1)]
-    threads: usize,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let image = read(&arguments.image)?;
     let (camera, origin) = camera(arguments, &image)?;
-    let network = arguments.model.open(&camera, arguments.threads)?;
+    let network = arguments.model.open(&camera, None)?;
     let mut network =
         network.ok_or_else(|| Fault::new(FaultKind::Configuration, "--model none gives no depth", "give indoor, euroc or an ONNX file"))?;
     let view = image.view().map_err(|error| Fault::malformed(&arguments.image, error.to_string(), "copy it again"))?;
     let begun = std::time::Instant::now();
     let map = network
-        .predict(Timestamp::from_nanos(0), &view)
+        .predict(stamp(&arguments.image), &view)
         .map_err(|error| Fault::malformed(&arguments.image, error.to_string(), "give another --calibration or --model"))?;
     let ms = begun.elapsed().as_secs_f64() * 1e3;
     let name = arguments.image.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
@@ -54,6 +52,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         figures(&map)
     ));
     Ok(Exit::Done)
+}
+
+/// Images of a recording are named by their stamps.
+fn stamp(image: &Path) -> Timestamp {
+    let name = image.file_stem().and_then(|stem| stem.to_str()?.parse().ok());
+    Timestamp::from_nanos(name.unwrap_or(0))
 }
 
 /// Colours become grey, as in a run.
@@ -123,7 +127,7 @@ mod tests {
 
     fn arguments(image: &Path, out: &Path, model: &str, calibration: Option<&Path>) -> Arguments {
         let [image, out] = [image, out].map(Path::to_path_buf);
-        Arguments { image, model: model.parse().unwrap(), calibration: calibration.map(Path::to_path_buf), out: Some(out), threads: 1 }
+        Arguments { image, model: model.parse().unwrap(), calibration: calibration.map(Path::to_path_buf), out: Some(out) }
     }
 
     #[test]

@@ -12,7 +12,7 @@
 mod area; // images shrink by averages over area
 mod camera; // one camera's pixels in another's
 mod card; // model.toml
-mod choice; // --model
+mod choice; // --depth
 mod error;
 mod map;
 #[cfg(feature = "network")]
@@ -52,6 +52,11 @@ pub trait DepthNetwork: Send {
 
     /// What it is, in a few words for a report.
     fn describe(&self) -> String;
+
+    /// What the numbers of its maps mean.
+    fn kind(&self) -> DepthKind {
+        DepthKind::Metric
+    }
 }
 
 impl DepthNetwork for Box<dyn DepthNetwork> {
@@ -61,5 +66,9 @@ impl DepthNetwork for Box<dyn DepthNetwork> {
 
     fn describe(&self) -> String {
         (**self).describe()
+    }
+
+    fn kind(&self) -> DepthKind {
+        (**self).kind()
     }
 }

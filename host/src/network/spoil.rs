@@ -13,7 +13,7 @@ use std::str::FromStr;
 use libella_core::image::ImageView;
 use libella_core::time::Timestamp;
 
-use super::{DepthMap, DepthNetwork, NetworkError};
+use super::{DepthKind, DepthMap, DepthNetwork, NetworkError};
 use crate::sim::random::{Random, mix};
 
 /// Noise of depth maps.
@@ -126,6 +126,10 @@ impl<N: DepthNetwork> DepthNetwork for Spoiled<N> {
         let name = Spoil::HOSTILE.iter().find(|(_, spoil)| *spoil == self.spoil).map_or("noise", |(name, _)| *name);
         format!("{}, spoilt: {name}", self.network.describe())
     }
+
+    fn kind(&self) -> DepthKind {
+        self.network.kind()
+    }
 }
 
 /// Metric nonsense that is sure of itself.
@@ -176,7 +180,6 @@ fn add_noise(map: &mut DepthMap, noise: &DepthNoise, random: &mut Random) {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::network::DepthKind;
 
     /// A ramp of inverse depths from 0.2 to 2 1/m.
     struct Ramp;

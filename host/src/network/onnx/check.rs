@@ -22,7 +22,7 @@ const GROWING: [&str; 3] = ["ConstantOfShape", "Expand", "Tile"];
 pub(super) type Prepared = (Arc<TypedRunnableModel>, [usize; 2], [usize; 2]);
 
 /// Checks a file and optimises it.
-pub(super) fn prepare(bytes: &[u8], path: &Path, card: &ModelCard, threads: usize) -> Result<Prepared, Fault> {
+pub(super) fn prepare(bytes: &[u8], path: &Path, card: &ModelCard) -> Result<Prepared, Fault> {
     let broken = |error: TractError| damaged(path, &one_line(&error));
     let proto = tract_onnx::onnx().proto_model_for_read(&mut &*bytes).map_err(broken)?;
     let uncertainty = card.uncertainty.as_ref().map(|output| output.name.as_str());
@@ -32,12 +32,7 @@ pub(super) fn prepare(bytes: &[u8], path: &Path, card: &ModelCard, threads: usiz
     model.select_outputs_by_name(&wanted).map_err(broken)?;
     let model = model.into_typed().map_err(broken)?;
     let output = check_shapes(&model, path, &wanted, input)?;
-    let executor = match threads {
-        1 => multithread::Executor::SingleThread,
-        _ => multithread::Executor::multithread_with_name(threads, "network"),
-    };
-    let options = RunOptions { executor: Some(executor), ..RunOptions::default() };
-    let plan = model.into_optimized().and_then(|model| model.into_runnable_with_options(&options)).map_err(broken)?;
+    let plan = model.into_optimized().and_then(|model| model.into_runnable()).map_err(broken)?;
     Ok((plan, input, output))
 }
 

@@ -17,8 +17,8 @@ use tract_onnx::prelude::*;
 
 use super::card::OutputKind;
 use super::quiet::quietly;
-use super::{DepthMap, DepthNetwork, ModelCard, NetworkError, Resampling};
-use crate::fault::{Fault, FaultKind};
+use super::{DepthKind, DepthMap, DepthNetwork, ModelCard, NetworkError, Resampling};
+use crate::fault::Fault;
 
 /// Larger files are refused.
 pub const LARGEST_FILE_BYTES: u64 = 64 << 20;
@@ -31,7 +31,6 @@ const U_MARGIN: f32 = 1e-3;
 #[derive(Debug)]
 pub struct OnnxNetwork {
     plan: Arc<TypedRunnableModel>,
-    threads: usize,
     card: ModelCard,
     name: String,
     input: [usize; 2],
@@ -40,11 +39,11 @@ pub struct OnnxNetwork {
 }
 
 impl OnnxNetwork {
-    /// Reads an ONNX file with the card of the same name beside it, or a card with its ONNX file; `threads` work on one image.
+    /// Reads an ONNX file with the card of the same name beside it, or a card with its ONNX file.
     ///
     /// # Errors
     /// When either is absent, damaged, too large, or they do not fit each other.
-    pub fn open(path: &Path, camera: &CameraModel<f64>, threads: usize) -> Result<Self, Fault> {
+    pub fn open(path: &Path, camera: &CameraModel<f64>) -> Result<Self, Fault> {
         let is_card = path.extension().is_some_and(|extension| extension == "toml");
         let card_path = path.with_extension("toml");
         if !is_card {
@@ -64,25 +63,22 @@ impl OnnxNetwork {
         }
         let bytes = std::fs::read(&model)
             .map_err(|error| Fault::malformed(&model, format!("cannot be read ({error})"), "check its permissions and the disk"))?;
-        Self::from_bytes(&bytes, &model, &card, camera, threads)
+        Self::from_bytes(&bytes, &model, &card, camera)
     }
 
     /// Takes the content of an ONNX file; `path` is what messages name.
     ///
     /// # Errors
     /// As [`Self::open`].
-    pub fn from_bytes(bytes: &[u8], path: &Path, card: &ModelCard, camera: &CameraModel<f64>, threads: usize) -> Result<Self, Fault> {
+    pub fn from_bytes(bytes: &[u8], path: &Path, card: &ModelCard, camera: &CameraModel<f64>) -> Result<Self, Fault> {
         if bytes.len() as u64 > LARGEST_FILE_BYTES {
             return Err(Fault::malformed(path, format!("has more than {} MiB", LARGEST_FILE_BYTES >> 20), "give a smaller network"));
         }
-        if !(1..=64).contains(&threads) {
-            return Err(Fault::new(FaultKind::Configuration, format!("{threads} threads for the network are not between 1 and 64"), ""));
-        }
-        let made = quietly(|| catch_unwind(AssertUnwindSafe(|| check::prepare(bytes, path, card, threads))));
+        let made = quietly(|| catch_unwind(AssertUnwindSafe(|| check::prepare(bytes, path, card))));
         let (plan, input, output) = made.unwrap_or_else(|_| Err(damaged(path, "tract gave up on it"))).map_err(tidy)?;
         let resampling = Resampling::new(camera, &card.input, input, output)?;
         let name = path.file_name().map_or_else(|| "network".into(), |name| name.to_string_lossy().into_owned());
-        Ok(Self { plan, threads, card: card.clone(), name, input, output, resampling })
+        Ok(Self { plan, card: card.clone(), name, input, output, resampling })
     }
 
     /// How images of the camera come to the model's.
@@ -139,8 +135,11 @@ impl DepthNetwork for OnnxNetwork {
 
     fn describe(&self) -> String {
         let ([w, h], [columns, rows]) = (self.input, self.output);
-        let threads = if self.threads == 1 { "1 thread".into() } else { format!("{} threads", self.threads) };
-        format!("{}, {w}x{h} to {columns}x{rows}, tract, {threads}", self.name)
+        format!("{}, {w}x{h} to {columns}x{rows}, tract", self.name)
+    }
+
+    fn kind(&self) -> DepthKind {
+        self.card.map_kind()
     }
 }
 

@@ -9,8 +9,9 @@ use libella_core::estimator::{Health, Waiting};
 use libella_host::config::{Config, Scalar};
 use libella_host::dataset::{self, Recording};
 use libella_host::eval::{Evaluation, evaluate};
-use libella_host::fault::Fault;
-use libella_host::pipeline::{self, Ended, Figure, Report, Run};
+use libella_host::fault::{Fault, FaultKind};
+use libella_host::network::{DepthNetwork, ModelChoice, Spoil, Spoiled};
+use libella_host::pipeline::{self, DepthFigures, Ended, Figure, Report, Run};
 use libella_host::planes;
 
 use super::{Exit, say};
@@ -31,6 +32,16 @@ pub(crate) struct Arguments {
     /// Planes: `off`, `find` them, or `use` them in the estimator as well; overrides the configuration.
     #[arg(long, value_name = "MODE")]
     planes: Option<PlanesMode>,
+    /// What gives depth beside the images: none, indoor (part of this program), euroc (for non-commercial use), an ONNX file with its
+    /// .toml, recorded (maps of the recording) or recorded:FOLDER; overrides the configuration.
+    #[arg(long, visible_alias = "model", value_name = "SOURCE")]
+    depth: Option<String>,
+    /// Images a second that get a depth, at most; a rate above the camera's gives it to every image. Overrides the configuration.
+    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
+    depth_rate: Option<f64>,
+    /// Spoils the depth to see that it does no harm: noise, doubled, constant, inverted, nan, random, frozen.
+    #[arg(long, value_name = "HOW")]
+    spoil_depth: Option<Spoil>,
     /// Seed of everything random; overrides the configuration.
     #[arg(long)]
     seed: Option<u64>,
@@ -69,7 +80,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         config.planes.find = !matches!(mode, PlanesMode::Off);
         config.planes.used = matches!(mode, PlanesMode::Use);
     }
+    config.depth.source = arguments.depth.clone().unwrap_or(config.depth.source);
+    config.depth.rate_hz = arguments.depth_rate.unwrap_or(config.depth.rate_hz);
+    config.check()?;
     let recording = dataset::open(&arguments.dataset, &config.dataset)?;
+    let network = network(arguments, &config, &recording)?;
     let folder = arguments.out.clone().unwrap_or_else(|| Path::new("out").join(&recording.name));
     if !arguments.quiet {
         for remark in &recording.remarks {
@@ -81,7 +96,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let stop = stop_on_interrupt();
     let bar = progress(recording.frames.len(), arguments.quiet);
     let mut contradictions = 0;
-    let run = pipeline::run(&recording, &config, &stop, |frame| {
+    let run = pipeline::run_with_depth(&recording, &config, network, &stop, |frame| {
         contradictions += usize::from(frame.health == Health::Initialising(Waiting::Agreement));
         if contradictions == CONTRADICTIONS && !arguments.quiet {
             contradictions += 1;
@@ -115,6 +130,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         say(&describe(&recording, &report, evaluation.as_ref(), &folder));
     }
     Ok(exit(&run, &report))
+}
+
+/// What gives depth, ready for the images of the recording.
+fn network(arguments: &Arguments, config: &Config, recording: &Recording) -> Result<Option<Box<dyn DepthNetwork>>, Fault> {
+    let Ok(choice) = config.depth.source.parse::<ModelChoice>();
+    let network = choice.open(&recording.rig.camera, Some(&arguments.dataset))?;
+    match (network, arguments.spoil_depth) {
+        (network, None) => Ok(network),
+        (Some(network), Some(spoil)) => Ok(Some(Box::new(Spoiled::new(network, spoil, config.seed)))),
+        (None, Some(_)) => Err(Fault::new(FaultKind::Configuration, "--spoil-depth without depth", "give --depth as well")),
+    }
 }
 
 /// The first Ctrl-C ends the run and lets the results be written; the second ends the program.
@@ -203,12 +229,43 @@ pub(super) fn describe(recording: &Recording, report: &Report, evaluation: Optio
     }
     let memory = report.rss_peak_mb.map(|peak| format!(", {peak:.0} MB at most")).unwrap_or_default();
     lines.push(format!("run             {:.2} s wall, {:.0} images/s{memory}", report.wall_s, report.images_per_s));
+    lines.extend(report.depth.as_ref().map(describe_depth));
     for (name, left_out) in [("images", &report.images_left_out), ("inertial samples", &report.imu_left_out)] {
         if let Some(reason) = &left_out.first {
             lines.push(format!("left out        {} {name}, first: {reason}", left_out.count));
         }
     }
     lines.push(format!("results         {}\n", folder.display()));
+    lines.join("\n")
+}
+
+fn describe_depth(depth: &DepthFigures) -> String {
+    let mut lines = vec![format!("depth           {}", depth.source)];
+    if let (Some(network), Some(wait)) = (&depth.network_ms, &depth.wait_ms) {
+        lines.push(format!(
+            "network         {:.1} ms per map (median), {:.1} p95, {:.1} max; the estimator waited {:.1} ms for it, {:.1} p95",
+            network.median, network.p95, network.max, wait.median, wait.p95
+        ));
+    }
+    let mut maps = vec![format!("{} of {} believed", depth.believed, depth.images)];
+    for (count, what) in [
+        (depth.rejected_other_scale, "rejected: not of the scale known so far"),
+        (depth.rejected_no_depth, "rejected: no depth of this image"),
+        (depth.empty, "gave nothing a depth"),
+    ] {
+        maps.extend((count > 0).then(|| format!("{count} {what}")));
+    }
+    if let Some(reason) = &depth.failed.first {
+        maps.push(format!("{} absent, first: {reason}", depth.failed.count));
+    }
+    lines.push(format!("depth maps      {}", maps.join("; ")));
+    if let Some(scale) = &depth.scale {
+        lines.push(format!(
+            "depth scale     {:.3} at first, {:.3} at last, {:.3} to {:.3} in between",
+            scale.first, scale.last, scale.min, scale.max
+        ));
+    }
+    lines.extend(depth.observation_share.map(|share| format!("depth priors    {:.0} % of the landmarks seen", 100.0 * share)));
     lines.join("\n")
 }
 

@@ -84,9 +84,9 @@ fn camera(arguments: &Arguments, image: &GrayImage) -> Result<(CameraModel<f64>,
         let size = [image.width, image.height].map(|side| u32::try_from(side).unwrap_or(u32::MAX));
         let scale = [f64::from(size[0]) / f64::from(camera.size_px.0), f64::from(size[1]) / f64::from(camera.size_px.1)];
         camera.size_px = (size[0], size[1]);
-        for axis in 0..2 {
-            camera.focal_px[axis] *= scale[axis];
-            camera.center_px[axis] = (camera.center_px[axis] + 0.5) * scale[axis] - 0.5;
+        for ((focal, center), scale) in camera.focal_px.iter_mut().zip(&mut camera.center_px).zip(scale) {
+            *focal *= scale;
+            *center = (*center + 0.5) * scale - 0.5;
         }
         return Ok((camera.into(), "unknown, taken for EuRoC's".into()));
     };

@@ -128,7 +128,7 @@ impl DepthFigures {
             rejected_no_depth: with(Verdict::NoDepth),
             empty: used().filter(|used| used.verdict == Verdict::Believed && used.given == 0).count(),
             failed: failed.into(),
-            scale: scales().next().zip(scales().last()).map(|(first, last)| ScaleFigures {
+            scale: scales().next().zip(scales().next_back()).map(|(first, last)| ScaleFigures {
                 first,
                 last,
                 min: scales().fold(first, f64::min),

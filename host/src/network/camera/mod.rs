@@ -96,8 +96,7 @@ impl Resampling {
             .zip(between.to_input(zoom, [0.5 * width as f64 + 1.0, 0.5 * height as f64 + 1.0]));
         let scale = one.map_or([1.0, 1.0], |(a, b)| [(b[0] - a[0]).abs(), (b[1] - a[1]).abs()]);
         let stride = ratio(input, output);
-        let map =
-            [0, 1].map(|axis| ((size[axis] as f64 * scale[axis] / stride[axis]).ceil() as usize).clamp(2, size[axis].min(1024).max(2)));
+        let map = [0, 1].map(|axis| ((size[axis] as f64 * scale[axis] / stride[axis]).ceil() as usize).clamp(2, size[axis].clamp(2, 1024)));
         let step_px = ratio(size, map);
         let mut back = Vec::with_capacity(map[0] * map[1]);
         for j in 0..map[1] {

@@ -24,6 +24,7 @@ use super::median::Histogram;
 use super::refinement::{LandmarkMemory, Motion, PARAMETERS, Pose, Poses, Problem};
 use super::tracks::{Bearings, InitLandmark};
 use crate::imu::{ImuBias, NavState};
+use crate::lie::matrix::{product, transposed_product};
 use crate::real::Real;
 
 const ROUNDS: usize = 4;
@@ -86,7 +87,9 @@ pub fn initialise_moving<const FRAMES: usize, T: Real, B: Bearings<T>>(
     }
     let count = bearings.landmark_count().min(landmarks.len());
     let landmarks = &mut landmarks[..count];
-    landmarks.fill(InitLandmark::default());
+    for landmark in landmarks.iter_mut() {
+        *landmark = InitLandmark::default();
+    }
     let long = (0..count).filter(|&landmark| (0..frames).filter(|&frame| bearings.bearing(landmark, frame).is_some()).count() >= 3).count();
     if long < config.minimum_tracks {
         return Err(InitError::Tracks(long));
@@ -297,7 +300,7 @@ fn add_landmark<T: Real, B: Bearings<T>, const FRAMES: usize>(
         own.own[(i, i)] += trace * T::of(1e-6);
     }
     if let Some(inverse) = own.own.try_inverse() {
-        reduced.information -= own.cross.tr_mul(&(inverse * own.cross));
+        reduced.information -= transposed_product(&own.cross, &product(&inverse, &own.cross));
         reduced.right -= own.cross.tr_mul(&(inverse * own.own_right));
     }
 }
@@ -308,7 +311,7 @@ fn solve_reduced<T: Real>(reduced: &Reduced<T>, bias: &ImuBias<T>, gravity_m_s2:
     let cross = reduced.information.fixed_view::<3, 3>(0, 3).into_owned();
     let inverse = velocity_block.cholesky()?.inverse();
     let velocity_right = reduced.right.fixed_rows::<3>(0).into_owned();
-    let information = reduced.information.fixed_view::<3, 3>(3, 3) - cross.tr_mul(&(inverse * cross));
+    let information = reduced.information.fixed_view::<3, 3>(3, 3) - transposed_product(&cross, &product(&inverse, &cross));
     let right = reduced.right.fixed_rows::<3>(3) - cross.tr_mul(&(inverse * velocity_right));
     let gravity = gravity_of_known_magnitude(&information, &right, gravity_m_s2)?;
     let velocity = inverse * (velocity_right - cross * gravity);

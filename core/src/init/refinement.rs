@@ -19,7 +19,7 @@
 //! # Degeneracy
 //! At constant velocity the scale is free, without translation everything but the rotation is; the covariance says so.
 
-use nalgebra::{Isometry3, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Cholesky, Const, Isometry3, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use super::chain::{InertialLink, Node, walk};
 use super::config::InitConfig;
@@ -27,6 +27,7 @@ use super::gyro_bias::cauchy;
 use super::median::Histogram;
 use super::tracks::{Bearings, InitLandmark, across};
 use crate::imu::ImuBias;
+use crate::lie::matrix::{diagonal, of_rotation, product, transposed_product};
 use crate::lie::so3;
 use crate::real::Real;
 
@@ -42,6 +43,7 @@ const STAGES: [(f64, usize, f64); 2] = [(5.0, 10, 1e-2), (1.0, 30, 2e-5)];
 
 type Row<T> = SMatrix<T, 3, PARAMETERS>;
 type Information<T> = SMatrix<T, PARAMETERS, PARAMETERS>;
+type Factor<T> = Cholesky<T, Const<PARAMETERS>>;
 type Gradient<T> = SVector<T, PARAMETERS>;
 
 /// The parameters, in the body frame of the first image.
@@ -100,10 +102,10 @@ pub(super) struct Pose<T: Real> {
 
 impl<T: Real> Pose<T> {
     fn of(motion: &Motion<T>, node: &Node<T>, body_from_camera: &Isometry3<T>) -> Self {
-        let first_from_body = node.first_from_body.to_rotation_matrix().into_inner();
+        let first_from_body = of_rotation(&node.first_from_body);
         Self {
             time_s: node.time_s,
-            first_from_camera: first_from_body * body_from_camera.rotation.to_rotation_matrix().into_inner(),
+            first_from_camera: product(&first_from_body, &of_rotation(&body_from_camera.rotation)),
             centre: motion.position(node) + first_from_body * body_from_camera.translation.vector,
         }
     }
@@ -120,14 +122,14 @@ pub(super) struct View<T: Real> {
 
 impl<T: Real> View<T> {
     fn of(motion: &Motion<T>, node: &Node<T>, body_from_camera: &Isometry3<T>) -> Self {
-        let first_from_body = node.first_from_body.to_rotation_matrix().into_inner();
+        let first_from_body = of_rotation(&node.first_from_body);
         let mut d_centre = motion.d_position(node);
         let mut gyro = d_centre.fixed_columns_mut::<3>(GYRO);
-        gyro -= first_from_body * so3::hat(&body_from_camera.translation.vector) * node.d_rotation_d_gyro;
+        gyro -= product(&product(&first_from_body, &so3::hat(&body_from_camera.translation.vector)), &node.d_rotation_d_gyro);
         Self {
             pose: Pose::of(motion, node, body_from_camera),
             d_centre,
-            d_turn: body_from_camera.rotation.to_rotation_matrix().into_inner().transpose() * node.d_rotation_d_gyro,
+            d_turn: transposed_product(&of_rotation(&body_from_camera.rotation), &node.d_rotation_d_gyro),
         }
     }
 }
@@ -223,10 +225,12 @@ pub(super) fn linearize<T: Real>(
     let d_h_first = d_h * camera_from_first;
     let mut d_landmark = Matrix2x3::zeros();
     d_landmark.fixed_columns_mut::<2>(0).copy_from(&(d_h_first * anchor.first_from_camera * across(u)));
-    let mut d_motion = SMatrix::zeros();
+    let mut d_motion = SMatrix::<T, 2, PARAMETERS>::zeros();
     if !is_anchor {
         d_landmark.set_column(2, &(d_h_first * (anchor.centre - view.centre)));
-        d_motion = d_h_first * (d_anchor - d_centre) * rho;
+        for (column, (anchor, own)) in d_anchor.column_iter().zip(d_centre.column_iter()).enumerate() {
+            d_motion.set_column(column, &(d_h_first * (anchor - own) * rho));
+        }
         let mut gyro = d_motion.fixed_columns_mut::<3>(GYRO);
         gyro += d_h * so3::hat(&h) * d_turn - d_h_first * anchor.first_from_camera * so3::hat(u) * d_anchor_turn;
     }
@@ -386,10 +390,10 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
             equations.own += weighted.tr_mul(&linear.d_landmark);
             equations.own_gradient += weighted.tr_mul(&linear.residual);
             if !is_anchor {
-                equations.cross += linear.d_motion.tr_mul(&weighted);
+                equations.cross += transposed_product(&linear.d_motion, &weighted);
                 if let Some((information, gradient)) = &mut dense {
                     add_square(information, &linear.d_motion, &(linear.d_motion * weight));
-                    **gradient += linear.d_motion.tr_mul(&(linear.residual * weight));
+                    **gradient += transposed_product(&linear.d_motion, &(linear.residual * weight));
                 }
             }
         }
@@ -420,7 +424,7 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         memory: &mut [LandmarkMemory<T>],
     ) -> (Information<T>, Gradient<T>) {
         let prior = self.prior();
-        let mut information = Information::from_diagonal(&prior);
+        let mut information = diagonal(prior.iter().copied());
         let mut gradient = prior.component_mul(&Self::from_prior(motion));
         for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
             let (before, gradient_before) = (information, gradient);
@@ -429,9 +433,9 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
                 equations.save(place);
             }
             if let Some(inverse) = Self::own_inverse(&equations, damping) {
-                let projected = equations.cross * inverse;
+                let projected = product(&equations.cross, &inverse);
                 subtract_product(&mut information, &projected, &equations.cross);
-                gradient -= projected * equations.own_gradient;
+                gradient -= product(&projected, &equations.own_gradient);
             } else {
                 (information, gradient) = (before, gradient_before);
             }
@@ -471,7 +475,17 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         for i in 0..PARAMETERS {
             damped[(i, i)] *= T::one() + damping;
         }
-        Some(damped.cholesky()?.solve(&-gradient))
+        Some(Self::solution(&Self::factor(&damped)?, &-gradient))
+    }
+
+    #[inline(never)]
+    fn factor(information: &Information<T>) -> Option<Factor<T>> {
+        information.cholesky()
+    }
+
+    #[inline(never)]
+    fn solution(factor: &Factor<T>, right: &Gradient<T>) -> Gradient<T> {
+        factor.solve(right)
     }
 
     /// Levenberg-Marquardt with one kernel; the parameters, whether the gain has died down, and the iterations taken.
@@ -522,7 +536,18 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         let mut views = Views::<T, FRAMES>::empty();
         views.fill(motion, self.links, self.body_from_camera);
         let (information, _) = self.reduced(motion, views.as_slice(), landmarks, T::one(), T::ZERO, &mut []);
-        Some(information.cholesky()?.inverse())
+        Self::inverse(&information)
+    }
+
+    // Out of line, so that its memory is not there while the information is summed up: here the stack is deepest.
+    #[inline(never)]
+    fn inverse(information: &Information<T>) -> Option<Information<T>> {
+        let factor = Self::factor(information)?;
+        let mut inverse: Information<T> = diagonal(core::iter::repeat(T::one()));
+        for column in 0..PARAMETERS {
+            inverse.set_column(column, &Self::solution(&factor, &inverse.column(column).into_owned()));
+        }
+        Some(inverse)
     }
 
     /// Minimises from `start`; `None` when a number is not finite or the equations are singular.

@@ -83,6 +83,8 @@ def figures(folder, machine, flights):
     stacks = {way: flight.numbers["stack peak"] for way, flight in ways.items()}
     costs = {way: flight.instructions() for way, flight in ways.items()}
     full = costs[", planes and depth"]
+    # Which of them is dearest hangs on what a flight's planes and depths turn out to be.
+    worst = max(max(flights[plan].instructions()) for plan in ("planes", "depth", "full"))
     return {
         "flash, bytes": flash,
         "static RAM, bytes": ram,
@@ -92,7 +94,7 @@ def figures(folder, machine, flights):
         "instructions an image, mean": round(statistics.mean(costs[""])),
         "instructions an image, worst": round(max(costs[""])),
         "instructions an image, planes and depth, mean": round(statistics.mean(full)),
-        "instructions an image, planes and depth, worst": round(max(full)),
+        "instructions an image, planes and depth, worst": round(worst),
         "instructions an image, worst, moving start": round(max(costs[", moving start"])),
         "instructions an image, worst, moving start with depth": round(max(costs[", moving start with depth"])),
     }

@@ -21,9 +21,9 @@ const ABOUT_M: f32 = 0.3;
 /// When planes are sought and believed. A landmark of a 160×120 image is known to a decimetre or two, not to the centimetres of
 /// [`FitConfig`]'s default: with those no plane is found in most flights.
 ///
-/// Measured on seven flights at 160×120 (`accuracy`), geometric mean of the ATE: 0.161 m without planes, 0.144 m with these; 0.153 m with
-/// slabs of 0.1 m, 0.168 m of 0.2 m; 0.154 m where a plane is steady after six looks; 0.155 m with a look every 10 images and steady
-/// after six.
+/// Measured on seven flights at 160×120 (`accuracy`), geometric mean of the ATE: 0.161 m without planes, 0.144 m with these. Neighbouring
+/// settings scatter between 0.138 and 0.168 m: slabs of 0.1 or 0.2 m, a look every 10 images, steady after 6 or 9 looks, planes that follow
+/// their landmarks as those of a host do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// Images with a pose between one look and the next.

@@ -125,7 +125,7 @@ pub fn fly(
                 }
             }
             let begun = clock.now();
-            let outcome = estimator.step(StepBudget::default());
+            let outcome = estimator.step(StepBudget::even());
             let ended = clock.now();
             cost.step = ended.wrapping_sub(begun);
             log.depth(now, estimator);

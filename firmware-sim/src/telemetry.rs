@@ -157,6 +157,7 @@ fn waits(waiting: Waiting) -> &'static str {
         Waiting::Excitation => "waits-for-excitation",
         Waiting::Gravity => "waits-for-gravity",
         Waiting::Agreement => "waits-for-agreement",
+        Waiting::Computation => "computes-its-start",
         _ => "waits",
     }
 }

@@ -86,6 +86,12 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
         }
     }
 
+    /// Samples after `from`, up to `to`.
+    #[must_use]
+    pub fn count(&self, from: Timestamp, to: Timestamp) -> usize {
+        self.samples.iter().filter(|sample| sample.stamp > from && sample.stamp <= to).count()
+    }
+
     /// The samples of an interval, side by side.
     pub fn between(&mut self, from: Timestamp, to: Timestamp) -> &[ImuSample<T>] {
         let all: &[ImuSample<T>] = self.samples.make_contiguous();

@@ -25,6 +25,7 @@ use crate::imu::ImuBias;
 use crate::lie::matrix::{of_rotation, product, transposed_product};
 use crate::lie::so3;
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 const STRIDES: [usize; 3] = [1, 2, 4];
 const ITERATIONS: usize = 28;
@@ -52,6 +53,8 @@ pub struct GyroBias<T: Real> {
     /// Pairs of frames that took part.
     pub pairs: usize,
 }
+
+blank!([T: Real] GyroBias<T> { gyro_rad_s, sigma_rad_s, residual_px, inlier_ratio, pairs });
 
 /// Two frames and the direction from one to the other.
 #[derive(Clone, Copy)]

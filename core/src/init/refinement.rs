@@ -30,6 +30,7 @@ use crate::imu::ImuBias;
 use crate::lie::matrix::{diagonal, of_rotation, product, transposed_product};
 use crate::lie::so3;
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 /// `[v₀ δg b_a b_g ḃ_a]`.
 pub(super) const PARAMETERS: usize = 14;
@@ -40,6 +41,9 @@ const GYRO: usize = 8;
 const DRIFT: usize = 11;
 /// `(width of the kernel, iterations at most, relative gain that ends the stage)`: a wide kernel first carries a poor start close.
 const STAGES: [(f64, usize, f64); 2] = [(5.0, 10, 1e-2), (1.0, 30, 2e-5)];
+
+/// Damping that each stage begins with.
+const FIRST_DAMPING: f64 = 1e-4;
 
 type Row<T> = SMatrix<T, 3, PARAMETERS>;
 type Information<T> = SMatrix<T, PARAMETERS, PARAMETERS>;
@@ -55,6 +59,8 @@ pub(super) struct Motion<T: Real> {
     /// `ḃ_a`, m/s³.
     pub drift: Vector3<T>,
 }
+
+blank!([T: Real] Motion<T> { velocity, gravity, bias, drift });
 
 impl<T: Real> Motion<T> {
     pub(super) fn retract(&self, step: &Gradient<T>) -> Self {
@@ -237,6 +243,32 @@ pub(super) fn linearize<T: Real>(
     Some(Linear { residual, d_motion, d_landmark })
 }
 
+/// How far the minimisation is: it may be left and taken up again after any iteration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Descent<T: Real> {
+    pub motion: Motion<T>,
+    damping: T,
+    stage: usize,
+    /// Iterations of the stage so far.
+    iteration: usize,
+    /// Iterations left when the stage began.
+    left: usize,
+    is_converged: bool,
+}
+
+blank!([T: Real] Descent<T> { motion, damping, stage, iteration, left, is_converged });
+
+impl<T: Real> Descent<T> {
+    /// From `motion`, in at most `iterations`.
+    pub(super) fn new(motion: Motion<T>, iterations: usize) -> Self {
+        Self { motion, damping: T::of(FIRST_DAMPING), stage: 0, iteration: 0, left: iterations, is_converged: false }
+    }
+
+    pub(super) fn is_over(&self) -> bool {
+        self.stage >= STAGES.len()
+    }
+}
+
 /// What the refinement leaves behind.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Refined<T: Real> {
@@ -249,10 +281,14 @@ pub(super) struct Refined<T: Real> {
 }
 
 /// The problem that does not change while it is solved. At most `FRAMES` frames.
-pub(super) struct Problem<'a, T: Real, B, const FRAMES: usize> {
+pub struct Problem<'a, T: Real, B, const FRAMES: usize> {
+    /// Assumptions and thresholds.
     pub config: &'a InitConfig<T>,
+    /// Pose of the camera in the body (IMU) frame.
     pub body_from_camera: &'a Isometry3<T>,
+    /// `links[i]` leads from frame `i` to `i + 1`.
     pub links: &'a [InertialLink<T>],
+    /// What the frames see.
     pub bearings: &'a B,
 }
 
@@ -340,6 +376,12 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         x.fixed_rows_mut::<3>(DRIFT).copy_from(&motion.drift);
         x.fixed_rows_mut::<3>(GYRO).copy_from(&motion.bias.gyro_rad_s);
         x
+    }
+
+    /// The records of the landmarks that there are and that have one.
+    pub(super) fn records<'l>(&self, landmarks: &'l mut [InitLandmark<T>]) -> &'l mut [InitLandmark<T>] {
+        let count = self.bearings.landmark_count().min(landmarks.len());
+        landmarks.get_mut(..count).unwrap_or_default()
     }
 
     #[inline(never)]
@@ -488,46 +530,54 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         factor.solve(right)
     }
 
-    /// Levenberg-Marquardt with one kernel; the parameters, whether the gain has died down, and the iterations taken.
+    /// Levenberg-Marquardt from where `descent` is, `budget` iterations at most; `None` when a number is not finite or the equations
+    /// are singular.
     #[inline(never)]
-    fn descend(
+    pub(super) fn descend(
         &self,
-        start: Motion<T>,
+        descent: &mut Descent<T>,
         landmarks: &mut [InitLandmark<T>],
-        width: T,
-        iterations: usize,
-        least_gain: T,
         memory: &mut [LandmarkMemory<T>],
-    ) -> Option<(Motion<T>, bool, usize)> {
-        let mut motion = start;
-        let mut cost = self.cost(&motion, landmarks, width);
-        let mut damping = T::of(1e-4);
+        mut budget: usize,
+    ) -> Option<()> {
         let mut views = Views::<T, FRAMES>::empty();
-        for iteration in 1..=iterations {
-            views.fill(&motion, self.links, self.body_from_camera);
-            let (information, gradient) = self.reduced(&motion, views.as_slice(), landmarks, width, damping, memory);
-            let step = Self::step(&information, &gradient, damping)?;
-            self.step_landmarks(views.as_slice(), landmarks, &step, width, damping, memory);
-            let candidate = motion.retract(&step);
-            let candidate_cost = self.cost(&candidate, landmarks, width);
-            if candidate_cost < cost {
-                let gain = (cost - candidate_cost) / cost;
-                (motion, cost) = (candidate, candidate_cost);
-                damping = (damping * T::of(0.1)).max(T::of(1e-6));
-                if gain < least_gain {
-                    return Some((motion, true, iteration));
+        while let Some(&(width, iterations, least_gain)) = STAGES.get(descent.stage) {
+            let (width, most) = (T::of(width), iterations.min(descent.left));
+            let mut cost = self.cost(&descent.motion, landmarks, width);
+            descent.is_converged = false;
+            while descent.iteration < most && !descent.is_converged {
+                if budget == 0 {
+                    return Some(());
                 }
-            } else {
-                for landmark in landmarks.iter_mut().filter(|landmark| landmark.is_used) {
-                    (landmark.bearing_in_anchor, landmark.inverse_distance_per_m) = landmark.previous;
-                }
-                damping *= T::of(10.0);
-                if damping > T::of(1e3) {
-                    return cost.is_usable().then_some((motion, true, iteration));
+                budget -= 1;
+                descent.iteration += 1;
+                let damping = descent.damping;
+                views.fill(&descent.motion, self.links, self.body_from_camera);
+                let (information, gradient) = self.reduced(&descent.motion, views.as_slice(), landmarks, width, damping, memory);
+                let step = Self::step(&information, &gradient, damping)?;
+                self.step_landmarks(views.as_slice(), landmarks, &step, width, damping, memory);
+                let candidate = descent.motion.retract(&step);
+                let candidate_cost = self.cost(&candidate, landmarks, width);
+                if candidate_cost < cost {
+                    let gain = (cost - candidate_cost) / cost;
+                    (descent.motion, cost) = (candidate, candidate_cost);
+                    descent.damping = (damping * T::of(0.1)).max(T::of(1e-6));
+                    descent.is_converged = gain < T::of(least_gain);
+                } else {
+                    for landmark in landmarks.iter_mut().filter(|landmark| landmark.is_used) {
+                        (landmark.bearing_in_anchor, landmark.inverse_distance_per_m) = landmark.previous;
+                    }
+                    descent.damping = damping * T::of(10.0);
+                    descent.is_converged = descent.damping > T::of(1e3);
                 }
             }
+            if !cost.is_usable() {
+                return None;
+            }
+            descent.left -= descent.iteration;
+            (descent.stage, descent.iteration, descent.damping) = (descent.stage + 1, 0, T::of(FIRST_DAMPING));
         }
-        cost.is_usable().then_some((motion, false, iterations))
+        Some(())
     }
 
     /// Covariance of the parameters, but for a factor.
@@ -550,23 +600,10 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         Some(inverse)
     }
 
-    /// Minimises from `start`; `None` when a number is not finite or the equations are singular.
+    /// What a descent that is over came to; `None` when a number is not finite or the equations are singular.
     #[inline(never)]
-    pub(super) fn solve(
-        &self,
-        start: Motion<T>,
-        landmarks: &mut [InitLandmark<T>],
-        memory: &mut [LandmarkMemory<T>],
-    ) -> Option<Refined<T>> {
-        let mut motion = start;
-        let mut is_converged = false;
-        let mut left = self.config.maximum_iterations;
-        for (width, iterations, least_gain) in STAGES {
-            let taken;
-            (motion, is_converged, taken) =
-                self.descend(motion, landmarks, T::of(width), iterations.min(left), T::of(least_gain), memory)?;
-            left -= taken;
-        }
+    pub(super) fn conclude(&self, descent: &Descent<T>, landmarks: &mut [InitLandmark<T>]) -> Option<Refined<T>> {
+        let Descent { motion, is_converged, .. } = *descent;
         let (median_residual_px, inlier_ratio, observations) = self.judge(&motion, landmarks)?;
         // The assumed noise is widened, never narrowed, to what the residuals show (median of a Rayleigh distribution: 1.1774 σ).
         let shown = (median_residual_px / (self.config.sigma_px * T::of(1.1774))).max(T::one());

@@ -117,7 +117,7 @@ fn fly_small(
                     &ImageView::new(&pixels, small::SIZE_PX.0, small::SIZE_PX.1, small::SIZE_PX.0)?,
                     &mut pyramids,
                 )?;
-                let outcome = estimator.step(StepBudget::default());
+                let outcome = estimator.step(StepBudget::even());
                 lost += usize::from(outcome == FrameOutcome::Lost);
                 let look = planes.as_mut().and_then(|planes| planes.after_image(stamp, outcome, &mut estimator));
                 if let Some(look) = look.filter(|_| std::env::var_os("LOOKS").is_some()) {

@@ -1,6 +1,6 @@
 //! All the memory that the estimator lives in.
 
-use libella_core::estimator::{EstimatorConfig, Place};
+use libella_core::estimator::{EstimatorConfig, Place, PlaneConfig};
 use libella_core::imu::ImuNoise;
 use libella_core::profile::{Micro, MicroPyramids};
 
@@ -21,5 +21,6 @@ pub fn build<'a>(place: &'a mut Place<Micro>, replay: &Replay<'_>) -> &'a mut Mi
 /// settings scatter by half of that: 0.1 px gives 0.17, 0.15 and 0.11 m, 0.2 px 0.14, 0.24 and 0.07 m.
 #[must_use]
 pub fn settings(imu_noise: ImuNoise<f32>) -> EstimatorConfig<f32> {
-    EstimatorConfig { imu_noise, keyframe_parallax_px: 4.6, sigma_px: 0.15, ..EstimatorConfig::default() }
+    let planes = PlaneConfig { theta_m: 0.1, sigma_m: 0.04, ..PlaneConfig::default() };
+    EstimatorConfig { imu_noise, keyframe_parallax_px: 4.6, sigma_px: 0.15, planes, ..EstimatorConfig::default() }
 }

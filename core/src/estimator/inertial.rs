@@ -86,6 +86,12 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
         }
     }
 
+    /// Samples after `from`, up to `to`.
+    #[must_use]
+    pub fn count(&self, from: Timestamp, to: Timestamp) -> usize {
+        self.samples.iter().filter(|sample| sample.stamp > from && sample.stamp <= to).count()
+    }
+
     /// The samples of an interval, side by side.
     pub fn between(&mut self, from: Timestamp, to: Timestamp) -> &[ImuSample<T>] {
         let all: &[ImuSample<T>] = self.samples.make_contiguous();
@@ -108,15 +114,21 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
     pub fn integrate(&self, noise: &ImuNoise<T>, bias: ImuBias<T>, from: Timestamp, to: Timestamp) -> Preintegration<T> {
         let mut integral = Preintegration::new(bias);
         for (start, end) in self.pairs(from, to) {
-            // Over a gap the rate between two samples is a guess: ten times the noise.
-            let is_gap = (end.stamp - start.stamp).as_nanos() > LONGEST_INTERVAL.as_nanos();
-            let noise = if is_gap { &noise.scaled(T::of(10.0)) } else { noise };
-            let cut_off = self.is_saturated(&start) || self.is_saturated(&end);
-            let noise = if cut_off { &noise.with_white_scaled(T::of(SATURATED_NOISE)) } else { noise };
-            // Pairs come in order, each newer than the last, so none is refused.
-            let _ = integral.integrate(noise, &start, &end);
+            self.extend(&mut integral, noise, &start, &end);
         }
         integral
+    }
+
+    // Out of line: the integral, a kilobyte, then stays in memory instead of being taken apart and put together again.
+    #[inline(never)]
+    fn extend(&self, integral: &mut Preintegration<T>, noise: &ImuNoise<T>, start: &ImuSample<T>, end: &ImuSample<T>) {
+        // Over a gap the rate between two samples is a guess: ten times the noise.
+        let is_gap = (end.stamp - start.stamp).as_nanos() > LONGEST_INTERVAL.as_nanos();
+        let noise = if is_gap { &noise.scaled(T::of(10.0)) } else { noise };
+        let cut_off = self.is_saturated(start) || self.is_saturated(end);
+        let noise = if cut_off { &noise.with_white_scaled(T::of(SATURATED_NOISE)) } else { noise };
+        // Pairs come in order, each newer than the last, so none is refused.
+        let _ = integral.integrate(noise, start, end);
     }
 
     /// The rotation over an interval as the gyro saw it, `R_from←to`, as far as samples reach.

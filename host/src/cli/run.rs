@@ -172,6 +172,7 @@ pub(super) fn word(health: Health) -> &'static str {
             Waiting::Excitation => "initialising: waits for acceleration",
             Waiting::Gravity => "initialising: specific force is far from gravity, check units and axes",
             Waiting::Agreement => "initialising: vision and inertial samples contradict each other, check T_BS, time stamps and sigma_px",
+            Waiting::Computation => "initialising: computes the start",
             _ => "initialising",
         },
         Health::Tracking => "tracking",

@@ -17,8 +17,8 @@ pub fn build<'a>(place: &'a mut Place<Micro>, replay: &Replay<'_>) -> &'a mut Mi
 
 /// Settings for 160 pixels across: a keyframe after the same angle as on 752, and corners as sharp as averaging leaves them.
 ///
-/// Measured at 160x120 on the rendered V1_01 and V1_02 and on the real MH_01 (`accuracy`): ATE 0.14, 0.17 and 0.07 m. Neighbouring
-/// settings scatter by half of that: 0.1 px gives 0.17, 0.15 and 0.11 m, 0.2 px 0.14, 0.24 and 0.07 m.
+/// Measured at 160x120 with planes on the rendered V1_01 and V1_02 and on the real MH_01 (`accuracy`): ATE 0.13, 0.24 and 0.03 m. Neighbouring
+/// settings scatter by half of that: 0.12 px gives 0.13, 0.21 and 0.05 m, 0.18 px 0.22, 0.17 and 0.04 m.
 #[must_use]
 pub fn settings(imu_noise: ImuNoise<f32>) -> EstimatorConfig<f32> {
     let planes = PlaneConfig { theta_m: 0.1, sigma_m: 0.04, ..PlaneConfig::default() };

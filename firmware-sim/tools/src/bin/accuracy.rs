@@ -4,7 +4,7 @@
 //! cargo run --release --manifest-path firmware-sim/Cargo.toml -p libella-firmware-tools --bin accuracy -- [SETTING=VALUE...] RECORDING...
 //! ```
 //! A recording is a EuRoC folder. A setting is a number of `EstimatorConfig` or, with `planes.` before it, of `planes::Settings`; it holds for
-//! `Micro` alone. Prints, for each, how many images have a pose, when the first came, and the error of the causal positions after SE(3)
+//! `Micro` alone, and `only=micro` leaves `Desktop` out. Prints, for each, how many images have a pose, when the first came, and the error of the causal positions after SE(3)
 //! alignment without scale. `Micro` flies without planes, and with them.
 
 use std::error::Error;
@@ -29,10 +29,11 @@ use nalgebra::{Isometry3, Vector3};
 fn main() -> Result<(), Box<dyn Error>> {
     let config = Config::default();
     let mut small = memory::settings(ImuNoise::adis16448());
-    let mut planes = planes::Settings::default();
+    let (mut planes, mut micro_only) = (planes::Settings::default(), false);
     for argument in std::env::args().skip(1) {
         if let Some((name, value)) = argument.split_once('=') {
             match name {
+                "only" if value == "micro" => micro_only = true,
                 "planes.every" => planes.every = value.parse()?,
                 "planes.steady_after" => planes.associate.steady_after = value.parse()?,
                 "planes.least_inliers" => planes.fit.least_inliers = value.parse()?,
@@ -46,7 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let (trajectory, lost) = fly_small(&recording, &config, small, planes)?;
             report(name, &recording, &trajectory, lost);
         }
-        if std::env::var_os("MICRO_ONLY").is_some() {
+        if micro_only {
             continue;
         }
         let run = pipeline::run(&recording, &config, &AtomicBool::new(false), |_| ())?;
@@ -119,9 +120,8 @@ fn fly_small(
                 )?;
                 let outcome = estimator.step(StepBudget::even());
                 lost += usize::from(outcome == FrameOutcome::Lost);
-                let look = planes.as_mut().and_then(|planes| planes.after_image(stamp, outcome, &mut estimator));
-                if let Some(look) = look.filter(|_| std::env::var_os("LOOKS").is_some()) {
-                    println!("{look:?}");
+                if let Some(planes) = &mut planes {
+                    let _ = planes.after_image(stamp, outcome, &mut estimator);
                 }
                 poses.extend(pose(&estimator, stamp));
             }

@@ -6,6 +6,7 @@ use super::InputError;
 use crate::imu::{ImuBias, ImuNoise, ImuRange, ImuSample, Preintegration, stretch};
 use crate::lie::so3;
 use crate::real::Real;
+use crate::storage::blank::blank;
 use crate::storage::ring::Ring;
 use crate::time::Timestamp;
 
@@ -16,6 +17,8 @@ pub struct InertialHistory<T: Real, const SAMPLES: usize> {
     range: ImuRange<T>,
 }
 
+blank!([T: Real, const SAMPLES: usize] InertialHistory<T, SAMPLES> { samples, range });
+
 impl<T: Real, const SAMPLES: usize> Default for InertialHistory<T, SAMPLES> {
     fn default() -> Self {
         let nothing = ImuSample { stamp: Timestamp::from_nanos(0), gyro_rad_s: Vector3::zeros(), accel_m_s2: Vector3::zeros() };
@@ -24,9 +27,9 @@ impl<T: Real, const SAMPLES: usize> Default for InertialHistory<T, SAMPLES> {
 }
 
 impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
-    /// For a sensor whose readings end at `gyro_rad_s` and `accel_m_s2`.
-    pub fn with_range(gyro_rad_s: T, accel_m_s2: T) -> Self {
-        Self { range: ImuRange { gyro_rad_s, accel_m_s2 }, ..Self::default() }
+    /// The sensor's readings end at `gyro_rad_s` and `accel_m_s2`.
+    pub fn set_range(&mut self, gyro_rad_s: T, accel_m_s2: T) {
+        self.range = ImuRange { gyro_rad_s, accel_m_s2 };
     }
 
     /// Samples of an interval that are at the end of the range.
@@ -67,6 +70,12 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
             (Some(first), Some(last)) => first.stamp <= from && last.stamp >= to,
             _ => false,
         }
+    }
+
+    /// Samples after `from`, up to `to`.
+    #[must_use]
+    pub fn count(&self, from: Timestamp, to: Timestamp) -> usize {
+        self.samples.iter().filter(|sample| sample.stamp > from && sample.stamp <= to).count()
     }
 
     /// The samples of an interval, side by side.

@@ -2,13 +2,14 @@
 //!
 //! At rest, gravity and the gyro bias are read off the inertial samples and one frame is enough. In motion, frames are
 //! collected at a fixed spacing until velocity, gravity and scale can be told from them together.
+//!
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::{Estimator, FrameOutcome, Health, StepBudget, Waiting};
 use crate::camera::Camera;
 use crate::imu::{ImuBias, NavState, Preintegration};
-use crate::init::{InertialLink, InitConfig, InitError, MAX_INIT_FRAMES, RestConfig, detect_rest, initialise_moving};
+use crate::init::{MAX_INIT_FRAMES, RestConfig, detect_rest};
 use crate::real::Real;
 use crate::solve::add_initial;
 use crate::time::Timestamp;
@@ -24,18 +25,27 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES>
 {
     pub(super) fn step_starting(&mut self, budget: StepBudget) -> FrameOutcome {
-        if self.start_at_rest() {
-            return FrameOutcome::Initialised;
-        }
-        let with_depth = self.start_with_depth.map_or(Err(Waiting::Tracks), |start| start(self, budget));
-        match with_depth.or_else(|_| self.start_moving(budget)) {
+        // What is being computed goes before what was refused when it began.
+        let started = if self.attempt.is_under_way() { Err(Waiting::Computation) } else { self.start_at_once(budget) };
+        match started.or_else(|_| self.start_moving(budget)) {
             Ok(()) => FrameOutcome::Initialised,
             Err(waiting) => {
                 self.health = Health::Initialising(waiting);
-                self.space_frames();
+                if waiting != Waiting::Computation {
+                    self.attempt.end();
+                    self.space_frames();
+                }
                 FrameOutcome::Initialising(waiting)
             }
         }
+    }
+
+    /// The starts that are cheap.
+    fn start_at_once(&mut self, budget: StepBudget) -> Result<(), Waiting> {
+        if self.start_at_rest() {
+            return Ok(());
+        }
+        self.start_with_depth.map_or(Err(Waiting::Tracks), |start| start(self, budget))
     }
 
     /// Keeps frames apart while the window fills. A full window is thinned out, so that it spans more and more time, up to
@@ -108,61 +118,20 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     }
 
     fn start_moving(&mut self, budget: StepBudget) -> Result<(), Waiting> {
-        let frames = self.window.frames.len();
-        let (Some(first), Some(last)) = (self.window.frames.first(), self.window.frames.last()) else { return Err(Waiting::Tracks) };
-        if frames < 5 || (last.stamp - first.stamp).as_seconds::<T>() < self.config.shortest_initialisation_s {
-            return Err(Waiting::Tracks);
-        }
-        let mut states = [NavState::origin(); MAX_INIT_FRAMES];
-        let mut integrated_at = self.window.frames[0].state.bias;
-        // A second round integrates at the bias that the first one found.
-        for round in 0..2 {
-            let empty = InertialLink::from(&Preintegration::new(integrated_at));
-            let mut links = [empty; MAX_INIT_FRAMES];
-            for (link, frame) in links.iter_mut().zip(self.window.frames.iter().skip(1)) {
-                *link = InertialLink::from(&frame.from_previous);
+        if !self.attempt.is_under_way() {
+            let frames = self.window.frames.len();
+            let (Some(first), Some(last)) = (self.window.frames.first(), self.window.frames.last()) else { return Err(Waiting::Tracks) };
+            if frames < 5 || (last.stamp - first.stamp).as_seconds::<T>() < self.config.shortest_initialisation_s {
+                return Err(Waiting::Tracks);
             }
-            let config = InitConfig {
-                sigma_px: self.config.sigma_px,
-                focal_px: self.camera.focal_px(),
-                gravity_m_s2: self.config.gravity_m_s2,
-                maximum_scale_sigma: self.config.initialisation_scale_sigma,
-                ..InitConfig::default()
-            };
-            let landmarks = &self.window.landmarks;
-            let bearings = (landmarks.len(), |landmark: usize, frame: usize| {
-                let point = landmarks.get(landmark)?.point(frame)?;
-                Some(Vector3::new(point.x, point.y, T::one()).normalize())
-            });
-            let found = initialise_moving(
-                &config,
-                &self.settings.body_from_camera,
-                &links[..frames - 1],
-                &bearings,
-                &mut self.init_landmarks,
-                &mut states[..frames],
-            );
-            let alignment = match found {
-                Ok(alignment) => alignment,
-                Err(error) => {
-                    self.report.init_error = Some(error);
-                    return Err(waiting_for(&error));
-                }
-            };
-            let moved = (alignment.bias.gyro_rad_s - integrated_at.gyro_rad_s).norm();
-            integrated_at = alignment.bias;
-            self.integrate_at(integrated_at);
-            if round == 1 || moved < T::of(0.02) {
-                break;
-            }
+            self.attempt.begin(first.state.bias);
         }
-        for (frame, state) in self.window.frames.iter_mut().zip(&states) {
-            frame.state = *state;
-        }
+        self.align(budget)?;
         self.settle_start(budget)
     }
 
     /// Integrates the samples of all frames anew, linearised at `bias`.
+    #[inline(never)]
     pub(super) fn integrate_at(&mut self, bias: ImuBias<T>) {
         for i in 1..self.window.frames.len() {
             let (from, to) = (self.window.frames[i - 1].stamp, self.window.frames[i].stamp);
@@ -209,6 +178,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     }
 
     /// Makes the first frame's state the origin of the world: `sigma` of tilt, velocity, gyro bias, accelerometer bias.
+    #[inline(never)]
     fn begin(&mut self, origin: &NavState<T>, sigma: [T; 4]) {
         let inverse = |value: T| T::one() / value;
         let gauge = T::of(1.0 / GAUGE_SIGMA);
@@ -227,15 +197,5 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         add_initial(&mut self.prior, &mut self.workspace, origin, &root);
         self.blind_since = None;
         self.health = Health::Tracking;
-    }
-}
-
-fn waiting_for<T: Real>(error: &InitError<T>) -> Waiting {
-    match error {
-        InitError::Parallax(_) => Waiting::Parallax,
-        InitError::Excitation(_) => Waiting::Excitation,
-        InitError::Gravity(_) => Waiting::Gravity,
-        InitError::Agreement(..) | InitError::Numerical => Waiting::Agreement,
-        _ => Waiting::Tracks,
     }
 }

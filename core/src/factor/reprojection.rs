@@ -25,8 +25,10 @@
 
 use nalgebra::{Isometry3, Matrix3, Vector2, Vector3};
 
+use crate::lie::matrix::of_rotation;
 use crate::lie::so3::hat;
 use crate::real::Real;
+use crate::storage::blank::blank;
 use crate::storage::blocks::{Block, zero_block};
 use crate::window::{CameraPose, NormalizedPoint};
 
@@ -38,6 +40,8 @@ pub struct PairGeometry<T: Real> {
     /// `t_ja`, m.
     pub translation_in_target: Vector3<T>,
 }
+
+blank!([T: Real] PairGeometry<T> { target_from_anchor, translation_in_target });
 
 impl<T: Real> Default for PairGeometry<T> {
     fn default() -> Self {
@@ -88,11 +92,13 @@ pub struct CameraMount<T: Real> {
     pub lever_in_camera: Vector3<T>,
 }
 
+blank!([T: Real] CameraMount<T> { camera_from_body, lever_in_camera });
+
 impl<T: Real> CameraMount<T> {
     /// From the extrinsic calibration.
     #[must_use]
     pub fn new(body_from_camera: &Isometry3<T>) -> Self {
-        let camera_from_body = body_from_camera.rotation.inverse().to_rotation_matrix().into_inner();
+        let camera_from_body = of_rotation(&body_from_camera.rotation.inverse());
         Self { camera_from_body, lever_in_camera: camera_from_body * body_from_camera.translation.vector }
     }
 

@@ -2,6 +2,7 @@
 
 use super::{ImuBias, ImuNoise, ImuSample, Preintegration};
 use crate::real::Real;
+use crate::storage::blank::blank;
 use crate::time::{Span, Timestamp};
 
 /// Longest time between two samples that still counts as continuous.
@@ -21,6 +22,8 @@ pub struct ImuRange<T> {
     /// Specific force, m/s².
     pub accel_m_s2: T,
 }
+
+blank!([T: Real] ImuRange<T> { gyro_rad_s, accel_m_s2 });
 
 impl<T: Real> ImuRange<T> {
     /// Whether one of the readings is at the end of the range: the truth lies somewhere beyond.
@@ -51,12 +54,18 @@ pub fn integrate<T: Real>(
 ) -> Preintegration<T> {
     let mut integral = Preintegration::new(bias);
     for (start, end) in pairs {
-        let is_gap = (end.stamp - start.stamp).as_nanos() > LONGEST_INTERVAL.as_nanos();
-        let noise = if is_gap { &noise.scaled(T::of(GAP_NOISE)) } else { noise };
-        let cut_off = range.is_exceeded_by(&start) || range.is_exceeded_by(&end);
-        let noise = if cut_off { &noise.with_white_scaled(T::of(SATURATED_NOISE)) } else { noise };
-        // Pairs come in order, each newer than the last, so none is refused.
-        let _ = integral.integrate(noise, &start, &end);
+        extend(&mut integral, noise, range, &start, &end);
     }
     integral
+}
+
+// Out of line: the integral, a kilobyte, then stays in memory instead of being taken apart and put together again.
+#[inline(never)]
+fn extend<T: Real>(integral: &mut Preintegration<T>, noise: &ImuNoise<T>, range: &ImuRange<T>, start: &ImuSample<T>, end: &ImuSample<T>) {
+    let is_gap = (end.stamp - start.stamp).as_nanos() > LONGEST_INTERVAL.as_nanos();
+    let noise = if is_gap { &noise.scaled(T::of(GAP_NOISE)) } else { noise };
+    let cut_off = range.is_exceeded_by(start) || range.is_exceeded_by(end);
+    let noise = if cut_off { &noise.with_white_scaled(T::of(SATURATED_NOISE)) } else { noise };
+    // Pairs come in order, each newer than the last, so none is refused.
+    let _ = integral.integrate(noise, start, end);
 }

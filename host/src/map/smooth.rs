@@ -156,8 +156,7 @@ fn problem(epoch: &Epoch) -> (Vec<Keyframe>, Vec<Landmark>) {
     let last = epoch.frames.len().saturating_sub(1);
     for (index, frame) in epoch.frames.iter().enumerate() {
         let known = &frame.known;
-        let link = std::env::var("LINK").ok().and_then(|v| v.parse::<i64>().ok()).map_or(LONGEST_LINK, |v| Span::from_millis(v - 5));
-        let due = keyframes.last().is_none_or(|before| known.stamp - before.stamp > link);
+        let due = keyframes.last().is_none_or(|before| known.stamp - before.stamp > LONGEST_LINK);
         if !(known.keyframe || due || index == last) {
             continue;
         }

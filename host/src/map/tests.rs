@@ -29,7 +29,7 @@ fn fly(imu: ImuConfig, sigma_px: f64) -> Flown {
     let mut config = Config::default();
     config.estimator.sigma_px = sigma_px.max(0.4);
     let stop = AtomicBool::new(false);
-    let (run, record) = pipeline::run_recorded(&recording, &config, &stop, |_| ()).unwrap();
+    let (run, record) = pipeline::run_recorded(&recording, &config, None, &stop, |_| ()).unwrap();
     Flown { recording, config, run, record }
 }
 

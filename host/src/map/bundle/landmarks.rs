@@ -56,7 +56,7 @@ fn judge(landmark: &mut Landmark, cameras: &[CameraPose<f64>], pairs: &[PairGeom
             rays.push((at - camera.center_in_world).normalize());
         }
     }
-    landmark.used = rays.len() >= LEAST_VIEWS && parallax_rad(&rays) >= std::env::var("PAR").ok().and_then(|v| v.parse::<f64>().ok()).unwrap_or(LEAST_PARALLAX_RAD);
+    landmark.used = rays.len() >= LEAST_VIEWS && parallax_rad(&rays) >= LEAST_PARALLAX_RAD;
 }
 
 /// The largest angle between two of the directions. Views come in order and move on: the one farthest from the first, and the one
@@ -100,7 +100,7 @@ fn placed(
                 gradient += slope * (row.residual * weight);
             }
         }
-        if !(now < cost * (1.0 - 1e-6)) {
+        if now >= cost * (1.0 - 1e-6) || now.is_nan() {
             break;
         }
         cost = now;

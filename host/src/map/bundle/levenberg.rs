@@ -91,7 +91,7 @@ impl Bundle {
         Ok(report.unwrap_or_else(cost))
     }
 
-    fn take(&mut self, step: &super::normal::Step) {
+    pub(super) fn take(&mut self, step: &super::normal::Step) {
         for (keyframe, delta) in self.keyframes.iter_mut().zip(&step.keyframes) {
             keyframe.state = keyframe.state.retract(delta);
         }

@@ -63,6 +63,7 @@ pub(super) struct Step {
 #[cfg(test)]
 impl Normal {
     /// Slopes of the cost along all keyframes, and along the landmarks by index.
+    #[allow(clippy::type_complexity)] // keyframes; landmarks by their index
     pub fn gradients(&self) -> (Vec<SVector<f64, 15>>, Vec<(usize, Vector3<f64>)>) {
         let mut keyframes = self.gradient.clone();
         for ((gradient, by_body), (_, visual)) in keyframes.iter_mut().zip(&self.camera_by_body).zip(&self.cameras) {
@@ -272,7 +273,8 @@ impl Bundle {
 
     /// Takes the landmarks out of the poses.
     fn eliminate(&self, normal: &Normal, damping: f64, band: &mut Band, gradient: &mut [SVector<f64, 6>]) -> Eliminated {
-        let mut eliminated = Eliminated { landmarks: Vec::with_capacity(normal.landmarks.len()), views: Vec::with_capacity(normal.views.len()) };
+        let mut eliminated =
+            Eliminated { landmarks: Vec::with_capacity(normal.landmarks.len()), views: Vec::with_capacity(normal.views.len()) };
         for landmark in &normal.landmarks {
             let damped = landmark.hessian + Matrix3::from_diagonal(&(landmark.hessian.diagonal() * damping));
             let inverse = damped.cholesky().and_then(|factor| factor.l().solve_lower_triangular(&Matrix3::identity()));

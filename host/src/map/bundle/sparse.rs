@@ -76,7 +76,7 @@ impl Structure {
         let size = 15 * keyframes;
         let pattern = SymbolicSparseColMatRef::new_checked(size, size, &col_ptr, None, &row_idx);
         let symbolic =
-            factorize_symbolic_cholesky(pattern, Side::Lower, if std::env::var("NAT").is_ok() { SymmetricOrdering::Identity } else { SymmetricOrdering::Amd }, CholeskySymbolicParams::default()).map_err(failed)?;
+            factorize_symbolic_cholesky(pattern, Side::Lower, SymmetricOrdering::Amd, CholeskySymbolicParams::default()).map_err(failed)?;
         Ok(Self { later, offsets, col_ptr, row_idx, symbolic })
     }
 
@@ -124,15 +124,8 @@ impl Structure {
         let needed = self.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
         let mut memory = MemBuffer::try_new(needed).map_err(failed)?;
         let stack = MemStack::new(&mut memory);
-        let done = self.symbolic.factorize_numeric_llt(
-            &mut factor,
-            matrix,
-            Side::Lower,
-            Default::default(),
-            Par::Seq,
-            stack,
-            Default::default(),
-        );
+        let done =
+            self.symbolic.factorize_numeric_llt(&mut factor, matrix, Side::Lower, Default::default(), Par::Seq, stack, Default::default());
         if done.is_err() {
             return Ok(false);
         }

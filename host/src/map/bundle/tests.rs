@@ -63,7 +63,8 @@ fn world(kernel: Kernel<f64>) -> World {
             let at = Vector3::new(at.x / at.z, at.y / at.z, at.z);
             // The motion that was integrated is that which was simulated, but for the midpoint rule.
             assert!((corner - at.xy()).norm() < 0.01);
-            let point = NormalizedPoint { x: at.x, y: at.y, inverse_sigma: 1.0 / (estimator.sigma_px * by_pixel.determinant().abs().sqrt()) };
+            let point =
+                NormalizedPoint { x: at.x, y: at.y, inverse_sigma: 1.0 / (estimator.sigma_px * by_pixel.determinant().abs().sqrt()) };
             let right = RightView::from_depth(&point, settings.virtual_baseline_m, at.z, 10.0);
             landmark.views.push(LandmarkView { right, ..LandmarkView::new(keyframes.len(), point) });
         }
@@ -96,9 +97,11 @@ impl World {
 }
 
 fn farthest(bundle: &Bundle, truth: &World) -> (f64, f64) {
-    let states = bundle.keyframes().iter().zip(&truth.keyframes).map(|(found, truth)| {
-        found.state.local(&truth.state).into_iter().fold(0.0, |most: f64, value| most.max(value.abs()))
-    });
+    let states = bundle
+        .keyframes()
+        .iter()
+        .zip(&truth.keyframes)
+        .map(|(found, truth)| found.state.local(&truth.state).into_iter().fold(0.0, |most: f64, value| most.max(value.abs())));
     let landmarks = bundle.landmarks().iter().zip(&truth.landmarks).map(|(a, b)| (a.position_in_world - b.position_in_world).norm());
     (states.fold(0.0, f64::max), landmarks.fold(0.0, f64::max))
 }

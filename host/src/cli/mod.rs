@@ -7,6 +7,7 @@ mod evaluate;
 mod rooms;
 mod run;
 mod simulate;
+mod smooth;
 
 use std::io::Write as _;
 use std::process::ExitCode;

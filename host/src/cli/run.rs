@@ -10,11 +10,12 @@ use libella_host::config::{Config, Scalar};
 use libella_host::dataset::{self, Recording};
 use libella_host::eval::{Evaluation, evaluate};
 use libella_host::fault::{Fault, FaultKind};
+use libella_host::map::FlightRecord;
 use libella_host::network::{DepthNetwork, ModelChoice, Spoil, Spoiled};
-use libella_host::pipeline::{self, DepthFigures, Ended, Figure, Report, Run};
+use libella_host::pipeline::{self, DepthFigures, Ended, Figure, FrameResult, Report, Run};
 use libella_host::planes;
 
-use super::{Exit, say};
+use super::{Exit, say, smooth};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -45,6 +46,9 @@ pub(crate) struct Arguments {
     /// Seed of everything random; overrides the configuration.
     #[arg(long)]
     seed: Option<u64>,
+    /// Afterwards adjusts the whole flight at once and writes `trajectory_smooth.*` beside the causal trajectory.
+    #[arg(long)]
+    smooth: bool,
     /// Prints nothing but errors.
     #[arg(long, short)]
     quiet: bool,
@@ -96,7 +100,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let stop = stop_on_interrupt();
     let bar = progress(recording.frames.len(), arguments.quiet);
     let mut contradictions = 0;
-    let run = pipeline::run_with_depth(&recording, &config, network, &stop, |frame| {
+    let observe = |frame: &FrameResult| {
         contradictions += usize::from(frame.health == Health::Initialising(Waiting::Agreement));
         if contradictions == CONTRADICTIONS && !arguments.quiet {
             contradictions += 1;
@@ -107,11 +111,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         }
         bar.set_message(word(frame.health));
         bar.inc(1);
-    })?;
+    };
+    let (run, record) = if arguments.smooth {
+        pipeline::run_recorded(&recording, &config, network, &stop, observe)?
+    } else {
+        (pipeline::run_with_depth(&recording, &config, network, &stop, observe)?, FlightRecord::default())
+    };
     bar.finish_and_clear();
     let estimate = run.trajectory();
     let evaluation = recording.truth.as_ref().and_then(|truth| evaluate(&estimate, truth, &config.evaluation).ok());
-    let report = Report::new(&recording, &config, &run, evaluation.as_ref());
+    let mut report = Report::new(&recording, &config, &run, evaluation.as_ref());
     pipeline::write_outputs(&folder, &run, &report)?;
     let title = format!("{} · {}", recording.name, if config.scalar == Scalar::F64 { "f64" } else { "f32" });
     let figure = Figure {
@@ -129,7 +138,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     if !arguments.quiet {
         say(&describe(&recording, &report, evaluation.as_ref(), &folder));
     }
-    Ok(exit(&run, &report))
+    let done = exit(&run, &report);
+    if !(arguments.smooth && matches!(done, Exit::Done)) {
+        return Ok(done);
+    }
+    let Some(smooth) = smooth::run(&recording, &config, &record, &stop, arguments.quiet)? else {
+        eprintln!("libella: interrupted; the causal trajectory is written, the smooth one is not");
+        return Ok(Exit::Interrupted);
+    };
+    smooth::write(&recording, &config, &smooth, &mut report, &run, &folder, arguments.quiet)?;
+    Ok(done)
 }
 
 /// What gives depth, ready for the images of the recording.

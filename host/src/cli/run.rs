@@ -142,7 +142,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     if !(arguments.smooth && matches!(done, Exit::Done)) {
         return Ok(done);
     }
-    let Some(smooth) = smooth::run(&recording, &config, &record, &stop, arguments.quiet)? else {
+    let Some(smooth) = smooth::run(&recording, &config, (&run, &record), &stop, arguments.quiet)? else {
         eprintln!("libella: interrupted; the causal trajectory is written, the smooth one is not");
         return Ok(Exit::Interrupted);
     };

@@ -91,7 +91,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     if !arguments.quiet {
         say(&describe(&recording, &report, evaluation.as_ref(), &folder));
     }
-    Ok(exit(&run, &report))
+    let exit = exit(&run, &report);
+    if matches!(exit, Exit::NoResult) {
+        eprintln!("libella: `libella check {}` looks for the cause", arguments.dataset.display());
+    }
+    Ok(exit)
 }
 
 /// The first Ctrl-C ends the run and lets the results be written; the second ends the program.

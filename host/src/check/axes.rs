@@ -1,20 +1,23 @@
 //! Whether gyro and accelerometer have the same axes, told by gravity.
 //!
 //! # Method
-//! While the body turns, gravity turns in its frame by what the gyro says. Over two seconds the specific force, turned back by the gyro,
-//! is gravity plus accelerations that mostly cancel. Among the 48 ways to exchange axes and signs of the gyro, the right one leaves the
-//! least spread. A common exchange of both sensors that is a rotation cannot be told here; the images tell it.
+//! While the body turns, gravity turns in its frame by what the gyro says. Over eight seconds the specific force, turned back by the gyro,
+//! is gravity plus accelerations, which two seconds' means mostly cancel; the shorter of a flying body are as large as gravity's tilt and
+//! go along with it. Among the 48 ways to exchange axes and signs of the gyro, the right one leaves the least spread of those means. The
+//! sign of all of specific force cannot be told here, nor a common rotation of both sensors; the images tell the latter.
 
 use libella_core::lie::so3;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::Material;
 
-/// Length of a window and of the blocks whose means are compared, s.
-const WINDOW_S: f64 = 2.0;
-const BLOCK_S: f64 = 0.1;
-/// The stated axes must leave so much more spread than the best, as a ratio of squares, before they are doubted.
-const DOUBT: f64 = 2.0;
+/// Length of a window, of the means in it, and of the steps of its integration, s.
+const WINDOW_S: f64 = 8.0;
+const MEANS: usize = 4;
+const STEP_S: f64 = 0.1;
+/// The axes as they are must leave so much more spread than the best, as a ratio of squares, before they are doubted: right ones reach
+/// 1.0 on six recordings, exchanged ones 11 and more.
+const DOUBT: f64 = 3.0;
 
 /// Matrices that exchange axes and turn signs, the identity first.
 pub(super) fn exchanges() -> Vec<Matrix3<f64>> {
@@ -39,57 +42,64 @@ pub(super) fn in_words(exchange: &Matrix3<f64>) -> String {
     format!("({}, {}, {})", name(0), name(1), name(2))
 }
 
-/// What has to be done to the gyro (times a right-handed exchange of both) to agree with the accelerometer.
+/// Spread under each exchange.
 #[derive(Debug, Clone)]
 pub(super) struct Agreement {
-    /// The exchange of the least spread, the identity unless another is better by far.
-    pub gyro_exchange: Matrix3<f64>,
-    /// Spread with the axes as they are over the least spread, as a ratio of squares.
-    pub ratio: f64,
+    spreads: Vec<(Matrix3<f64>, f64)>,
+    least: f64,
 }
 
-/// Compares the sensors; `bias` is that of the gyro as recorded. `None` where the body hardly tilts.
-pub(super) fn compare(material: &Material, rate_hz: f64, bias: &Vector3<f64>) -> Option<Agreement> {
-    let block = (BLOCK_S * rate_hz).round().max(1.0) as usize;
-    let blocks = (WINDOW_S / BLOCK_S) as usize;
-    let candidates = exchanges();
-    let mut costs = vec![0.0; candidates.len()];
-    let mut unturned = 0.0;
-    for window in material.imu.chunks_exact(block * blocks) {
-        // Means of blocks: vibration and noise average out, tilting does not.
-        let means: Vec<(Vector3<f64>, Vector3<f64>)> = window
-            .chunks_exact(block)
-            .map(|block| {
-                let count = block.len() as f64;
-                let gyro = block.iter().map(|sample| sample.gyro_rad_s).sum::<Vector3<f64>>() / count - bias;
-                (gyro * (count / rate_hz), block.iter().map(|sample| sample.accel_m_s2).sum::<Vector3<f64>>() / count)
-            })
-            .collect();
-        let spread = |exchange: &Matrix3<f64>| {
-            let mut attitude = UnitQuaternion::identity();
-            let mut forces = Vec::with_capacity(means.len());
-            for (angle, force) in &means {
-                let half = so3::exp(&(exchange * angle * 0.5));
-                forces.push(attitude * half * force);
-                attitude = attitude * half * half;
-            }
-            let center = forces.iter().sum::<Vector3<f64>>() / forces.len().max(1) as f64;
-            forces.iter().map(|force| (force - center).norm_squared()).sum::<f64>()
-        };
-        for (cost, exchange) in costs.iter_mut().zip(&candidates) {
-            *cost += spread(exchange);
-        }
-        unturned += spread(&Matrix3::zeros());
+impl Agreement {
+    /// Spread under an exchange of the gyro over the least, as a ratio of squares.
+    pub fn excess(&self, gyro_exchange: &Matrix3<f64>) -> f64 {
+        self.spreads.iter().find(|(exchange, _)| exchange == gyro_exchange).map_or(f64::INFINITY, |(_, spread)| spread / self.least)
     }
-    let stated = *costs.first()?;
-    let (best, least) = costs.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1))?;
-    // Without tilting all are alike, and what is left is acceleration.
-    if !(*least > 0.0 && unturned > DOUBT * least) {
+
+    /// Whether gyro and accelerometer contradict each other under an exchange of the gyro.
+    pub fn contradicts(&self, gyro_exchange: &Matrix3<f64>) -> bool {
+        self.excess(gyro_exchange) > DOUBT
+    }
+
+    /// The exchange of the gyro that leaves the least spread.
+    pub fn best(&self) -> Matrix3<f64> {
+        let best = self.spreads.iter().min_by(|a, b| a.1.total_cmp(&b.1));
+        best.map_or_else(Matrix3::identity, |(exchange, _)| *exchange)
+    }
+}
+
+/// Compares the sensors; `bias` is that of the gyro as recorded. `None` of a recording that is too short.
+pub(super) fn compare(material: &Material, rate_hz: f64, bias: &Vector3<f64>) -> Option<Agreement> {
+    let step = (STEP_S * rate_hz).round().max(1.0) as usize;
+    // Mean angle and specific force of every step.
+    let means: Vec<(Vector3<f64>, Vector3<f64>)> = material
+        .imu
+        .chunks_exact(step)
+        .map(|block| {
+            let count = block.len() as f64;
+            let rate = block.iter().map(|sample| sample.gyro_rad_s).sum::<Vector3<f64>>() / count - bias;
+            (rate * (count / rate_hz), block.iter().map(|sample| sample.accel_m_s2).sum::<Vector3<f64>>() / count)
+        })
+        .collect();
+    let length = ((WINDOW_S / STEP_S) as usize).min(means.len()) / MEANS;
+    if length < 5 {
         return None;
     }
-    let ratio = stated / least;
-    let index = if ratio > DOUBT { best } else { 0 };
-    Some(Agreement { gyro_exchange: *candidates.get(index)?, ratio })
+    let spread = |exchange: &Matrix3<f64>, window: &[(Vector3<f64>, Vector3<f64>)]| {
+        let mut attitude = UnitQuaternion::identity();
+        let mut forces = Vec::with_capacity(window.len());
+        for (angle, force) in window {
+            let half = so3::exp(&(exchange * angle * 0.5));
+            forces.push(attitude * half * force);
+            attitude = attitude * half * half;
+        }
+        let mean = |forces: &[Vector3<f64>]| forces.iter().sum::<Vector3<f64>>() / forces.len().max(1) as f64;
+        let center = mean(&forces);
+        forces.chunks_exact(length).map(|part| (mean(part) - center).norm_squared()).sum::<f64>()
+    };
+    let of = |exchange: Matrix3<f64>| (exchange, means.chunks_exact(length * MEANS).map(|window| spread(&exchange, window)).sum::<f64>());
+    let spreads: Vec<_> = exchanges().into_iter().map(of).collect();
+    let least = spreads.iter().map(|(_, spread)| *spread).fold(f64::INFINITY, f64::min);
+    (least > 0.0 && least.is_finite()).then_some(Agreement { spreads, least })
 }
 
 #[cfg(test)]

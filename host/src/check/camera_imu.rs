@@ -4,16 +4,16 @@
 //! The coarse alignment knows nothing and finds anything; what it finds is compared with what is stated, simplest explanation first:
 //! stated, inverse of the stated, axes exchanged, anything. Unit and axes are then repaired in memory, and the joint fit measures the rest.
 
-use nalgebra::{Matrix3, UnitQuaternion};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::Material;
-use super::axes::{self, Agreement};
+use super::axes;
 use super::coarse::{self, Coarse};
 use super::finding::{CameraImu, FindingKind, Findings, Measured, Severity};
 use super::fit::{Fit, State, fit};
 use super::gyro::Gyro;
 use super::lens::{Deviation, Lens};
-use super::pairs::{Pair, pairs};
+use super::pairs::{Pair, pairs, table};
 use super::sightings::Sightings;
 
 /// Distances in time of the pairs, s: the short one for the coarse alignment, all for the fit.
@@ -77,6 +77,8 @@ pub(super) fn check(material: &mut Material, seen: &Sightings, findings: &mut Fi
     let reading = judge_axes(material, &coarse, findings);
     let unit = judge_unit(&coarse, findings);
     gyro.map(&(reading.repair * unit));
+    // So that the noise is judged in rad/s.
+    material.imu.iter_mut().for_each(|sample| sample.gyro_rad_s *= unit);
     let raw_bias = coarse.bias(&coarse.best());
     let start = State {
         body_from_camera: UnitQuaternion::from_matrix(&reading.body_from_camera),
@@ -85,9 +87,10 @@ pub(super) fn check(material: &mut Material, seen: &Sightings, findings: &mut Fi
         lens: Deviation::zeros(),
     };
     let all: Vec<Pair> = sets.into_iter().flatten().collect();
-    let free = fit(&all, &gyro, &material.camera, &start, true);
+    let corners = table(&seen.windows);
+    let free = fit(&all, &corners, &gyro, &material.camera, &start, true);
     let lens_is_wrong = free.as_ref().is_some_and(|fit| judge_lens(material, fit, findings));
-    let held = if lens_is_wrong { free.clone() } else { fit(&all, &gyro, &material.camera, &start, false) };
+    let held = if lens_is_wrong { free.clone() } else { fit(&all, &corners, &gyro, &material.camera, &start, false) };
     let (Some(found), Some(free)) = (held, free) else { return };
     let figures = describe(material, &coarse, &found, &free);
     judge_offset(&figures, findings);
@@ -105,13 +108,17 @@ fn judge_axes(material: &Material, coarse: &Coarse, findings: &mut Findings) -> 
     let rate_hz = material.figures.imu.map_or(200.0, |clock| clock.rate_hz);
     let agreement = material.accel_is_usable.then(|| axes::compare(material, rate_hz, &coarse.bias(&coarse.best()))).flatten();
     let identity = Matrix3::identity();
-    let doubted = agreement.as_ref().filter(|found| found.gyro_exchange != identity);
+    let contradicts = |exchange: &Matrix3<f64>| agreement.as_ref().is_some_and(|found| found.contradicts(exchange));
     if reaches(&stated, &identity) >= coarse.correlation - TIE {
-        if let Some(Agreement { gyro_exchange, ratio }) = doubted {
-            // The images agree with the gyro, so the accelerometer is the odd one out; its exchange is the inverse.
-            let inverse = gyro_exchange.transpose() * gyro_exchange.determinant();
-            let measured =
-                format!("gravity turns against the gyro: the axes of the accelerometer as they are leave {ratio:.1} times the spread of the best ones");
+        if let Some(agreement) = agreement.filter(|found| found.contradicts(&identity)) {
+            // The images agree with the gyro, so the accelerometer is the odd one out; its exchange is the inverse, of either sign.
+            let inverse = agreement.best().transpose();
+            let up = material.body_from_camera.rotation.inverse() * (inverse * mean_force(material));
+            let inverse = if up.y > 0.0 { -inverse } else { inverse };
+            let measured = format!(
+                "gravity turns against the gyro: with the accelerometer's axes as they are it spreads {:.0} times as much as with the best",
+                agreement.excess(&identity)
+            );
             let change = format!("read the accelerometer's x, y, z from its {}, so that it shares the gyro's axes", axes::in_words(&inverse));
             findings.add(Severity::Fault, FindingKind::ImuAxes, measured, "specific force that turns as the gyro says", change);
         }
@@ -124,7 +131,8 @@ fn judge_axes(material: &Material, coarse: &Coarse, findings: &mut Findings) -> 
         axes::exchanges().into_iter().map(|exchange| (reaches(&stated, &exchange), exchange)).collect();
     exchanges.sort_by(|a, b| b.0.total_cmp(&a.0));
     let exchange = exchanges.first().filter(|(reached, _)| *reached >= coarse.correlation - EXACT).map(|(_, exchange)| *exchange);
-    let gyro_is_odd = doubted.is_some_and(|found| exchange == Some(found.gyro_exchange) || found.gyro_exchange.determinant() < 0.0);
+    // Whether the gyro alone is exchanged: it then agrees with the accelerometer after the repair and not before.
+    let gyro_is_odd = contradicts(&identity) && exchange.is_some_and(|exchange| !contradicts(&exchange));
     if reaches(&stated.transpose(), &identity) >= coarse.correlation - TIE && !gyro_is_odd {
         let measured = format!(
             "the images turn as the inverse of T_BS says (correlation {:.3}, as stated {:.3})",
@@ -164,6 +172,10 @@ fn judge_axes(material: &Material, coarse: &Coarse, findings: &mut Findings) -> 
     Reading { repair: identity, body_from_camera: found.transpose() }
 }
 
+fn mean_force(material: &Material) -> Vector3<f64> {
+    material.imu.iter().map(|sample| sample.accel_m_s2).sum::<Vector3<f64>>() / material.imu.len().max(1) as f64
+}
+
 /// The factor to rad/s.
 fn judge_unit(coarse: &Coarse, findings: &mut Findings) -> f64 {
     let ratio = 1.0 / coarse.scale.max(1e-9);
@@ -192,23 +204,28 @@ fn judge_lens(material: &Material, fit: &Fit, findings: &mut Findings) -> bool {
         return false;
     }
     let fault = beyond(1);
-    let [fx, fy] = [0, 1].map(|k| lens[k].exp());
-    let measured = format!(
-        "the motion of the corners fits focal lengths {:.3} and {:.3} times the stated (± {:.3}, {:.3}), a principal point off by {:.0} and {:.0} px, and a first distortion coefficient off by {:.3}",
-        fx,
-        fy,
-        fit.lens_sigma(0),
-        fit.lens_sigma(1),
-        lens[2] * material.focal_px()[0],
-        lens[3] * material.focal_px()[1],
-        lens[4]
-    );
-    let expected = format!("intrinsics within {:.0} % of the stated", 100.0 * FOCAL_OFF[0]);
-    let [stated_x, stated_y] = material.focal_px();
+    let focal = material.focal_px();
+    let center = material.center_px();
+    let mut off = Vec::new();
+    for (k, axis) in [(0, "x"), (1, "y")] {
+        if sure(k) && lens[k].abs() > limits[k][0] {
+            let (ratio, sigma, value) = (lens[k].exp(), fit.lens_sigma(k), focal[k] * lens[k].exp());
+            off.push(format!("focal length {axis} {value:.0} px, {ratio:.3} ± {sigma:.3} times the stated"));
+        }
+        let k = 2 + k;
+        if sure(k) && lens[k].abs() > limits[k][0] {
+            off.push(format!("principal point {axis} {:.0} px, {:+.0} px from the stated", center[k - 2] + lens[k] * focal[k - 2], lens[k] * focal[k - 2]));
+        }
+    }
+    if sure(4) && lens[4].abs() > limits[4][0] {
+        off.push(format!("first distortion coefficient {:.3}, {:+.3} from the stated", material.first_distortion() + lens[4], lens[4]));
+    }
+    let measured = format!("the motion of the corners does not fit the intrinsics; it fits {}", off.join("; "));
+    let expected = format!("focal lengths within {:.0} %, a principal point within {:.1} deg", 100.0 * FOCAL_OFF[0], CENTER_OFF[0].to_degrees());
     let change = if material.size_is_wrong {
-        format!("give the intrinsics of this resolution: focal lengths of about {:.0} and {:.0} px", stated_x * fx, stated_y * fy)
+        "give the intrinsics of this resolution, near these values"
     } else {
-        format!("calibrate the camera again; focal lengths of about {:.0} and {:.0} px fit this recording", stated_x * fx, stated_y * fy)
+        "calibrate the camera again, at this resolution; the values are a guide, not a calibration"
     };
     let severity = if fault { Severity::Fault } else { Severity::Warning };
     findings.add(severity, FindingKind::Intrinsics, measured, expected, change);

@@ -4,12 +4,12 @@
 //! `κ = [ln fx, ln fy, cx/fx, cy/fy, k₁]`, each as the deviation from the stated calibration, dimensionless.
 
 use libella_core::camera::{Camera, CameraModel};
-use nalgebra::{SVector, Vector2, Vector3};
+use nalgebra::{Matrix3, SVector, Vector2, Vector3};
 
 /// Number of parameters.
 pub(super) const PARAMETERS: usize = 5;
 /// Deviations by which derivatives are taken: large against rounding, small against curvature.
-const STEP: f64 = 1e-4;
+pub(super) const STEP: f64 = 1e-4;
 
 /// Deviation from the stated calibration.
 pub(super) type Deviation = SVector<f64, PARAMETERS>;
@@ -35,7 +35,20 @@ impl Lens {
         self.camera.focal_px()
     }
 
-    /// The lenses a step away in every parameter, for derivatives of bearings.
+    /// Bearing and what a pixel is worth there.
+    pub fn ray(&self, pixel: &Vector2<f64>) -> Option<Ray> {
+        let (normalized, slope) = self.camera.unproject_with_jacobian(pixel)?;
+        let point = normalized.push(1.0);
+        let length = point.norm();
+        let bearing = point / length;
+        // ∂f/∂(a, b) = (I − f fᵀ)/|(a, b, 1)|
+        let across = (Matrix3::identity() - bearing * bearing.transpose()) / length;
+        let per_px = across.fixed_view::<3, 2>(0, 0) * slope;
+        let usable = bearing.iter().chain(per_px.iter()).all(|value| value.is_finite());
+        usable.then(|| Ray { bearing, spread: per_px * per_px.transpose() })
+    }
+
+    /// The lenses a step away in every parameter, for derivatives.
     pub fn neighbours(&self, deviation: &Deviation) -> [Self; PARAMETERS] {
         std::array::from_fn(|parameter| {
             let mut moved = *deviation;
@@ -43,11 +56,15 @@ impl Lens {
             Self::new(&self.stated, &moved)
         })
     }
+}
 
-    /// Derivative of a bearing from that of a neighbour.
-    pub fn slope(bearing: &Vector3<f64>, neighbour: &Vector3<f64>) -> Vector3<f64> {
-        (neighbour - bearing) / STEP
-    }
+/// Where a corner is seen, and its uncertainty.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ray {
+    /// Unit bearing.
+    pub bearing: Vector3<f64>,
+    /// `D Dᵀ` of its derivative by the pixel, rad²/px².
+    pub spread: Matrix3<f64>,
 }
 
 fn deviate(stated: &CameraModel<f64>, by: &Deviation) -> CameraModel<f64> {

@@ -1,8 +1,8 @@
 //! What is wrong with a recording, found before the run.
 //!
 //! ```text
-//! Recording ─▶ stamps ─▶ specific_force ─▶ saturation ─▶ noise ─▶ sightings ─▶ pictures ─▶ camera_imu ─▶ motion ─▶ Report
-//!              unit repaired   unit repaired                       corners      size repaired  unit, axes repaired
+//! Recording ─▶ stamps ─▶ specific_force ─▶ saturation ─▶ sightings ─▶ pictures ─▶ camera_imu ─▶ noise ─▶ motion ─▶ Report
+//!              unit      unit              marks         corners      size        unit, axes                 (repaired on the way)
 //! ```
 //! Each fault that is found is repaired in memory where it can be, so that the next check sees what it would have seen without it, and
 //! each cause is named once. Thresholds stand beside their reason in the file of each check.
@@ -18,6 +18,7 @@ mod motion;
 mod noise;
 mod pairs;
 mod pictures;
+mod plane;
 mod saturation;
 mod sightings;
 mod specific_force;
@@ -103,6 +104,20 @@ impl Material {
         }
     }
 
+    fn center_px(&self) -> [f64; 2] {
+        match &self.camera {
+            CameraModel::PinholeRadTan(camera) => camera.center_px,
+            CameraModel::KannalaBrandt(camera) => camera.center_px,
+        }
+    }
+
+    fn first_distortion(&self) -> f64 {
+        match &self.camera {
+            CameraModel::PinholeRadTan(camera) => camera.distortion[0],
+            CameraModel::KannalaBrandt(camera) => camera.distortion[0],
+        }
+    }
+
     fn focal_px(&self) -> [f64; 2] {
         match &self.camera {
             CameraModel::PinholeRadTan(camera) => camera.focal_px,
@@ -121,10 +136,10 @@ pub fn check(recording: &Recording, options: &CheckOptions) -> Result<Report, Fa
     stamps::check(recording, &mut material, &mut findings);
     specific_force::check(&mut material, options.gravity_m_s2, &mut findings);
     saturation::check(&mut material, &mut findings);
-    noise::check(&mut material, &mut findings);
     let seen = sightings::look(recording, &material, options.images.max(1), options.images_ahead)?;
     pictures::check(&mut material, &seen, &mut findings);
     camera_imu::check(&mut material, &seen, &mut findings);
+    noise::check(&mut material, &mut findings);
     let moves = motion::check(&material, &seen, &mut findings);
     if let Some(pictures) = &seen.pictures {
         pictures::check_repeats(pictures, moves, &mut findings);

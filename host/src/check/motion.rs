@@ -16,8 +16,13 @@ const BLOCK_S: f64 = 0.25;
 /// Spread of block means of a resting inertial unit: rad/s, m/s² (a resting start allows as much within half a second).
 const REST_GYRO_RAD_S: f64 = 0.02;
 const REST_ACCEL_M_S2: f64 = 0.1;
-/// Displacement over half a second of a resting camera, px: three standard deviations of a corner.
+/// Times over which displacements are taken, s.
+const SPANS_S: [f64; 2] = [0.1, 0.5];
+/// Displacement over half a second of a resting camera, px: three standard deviations of a good corner; with noisy corners more, if it
+/// hardly grows with time.
 const REST_PX: f64 = 1.0;
+const NOISE_PX: f64 = 5.0;
+const NOISE_GROWTH: f64 = 1.3;
 /// Least displacement beyond rotation over half a second, of the best tenth of the corners, px.
 const LEAST_PARALLAX_PX: f64 = 3.0;
 /// Specific force must vary by this, m/s², or scale stays unknown: three times the spread of bias and tilt at rest.
@@ -28,8 +33,10 @@ pub(super) fn check(material: &Material, seen: &Sightings, findings: &mut Findin
     let Some(rate_hz) = material.figures.imu.map(|clock| clock.rate_hz) else { return false };
     let (gyro, accel) = spreads(material, rate_hz);
     let imu_rests = gyro < REST_GYRO_RAD_S && (accel < REST_ACCEL_M_S2 || !material.accel_is_usable);
-    let camera_px = displacement(material, seen);
-    let camera_rests = camera_px.is_none_or(|px| px < REST_PX);
+    let camera_px = displacement(material, seen, SPANS_S[1]);
+    // What is the same over a fifth of the time is noise.
+    let sooner_px = displacement(material, seen, SPANS_S[0]);
+    let camera_rests = camera_px.is_none_or(|px| px < REST_PX || px < NOISE_PX && sooner_px.is_some_and(|sooner| px < NOISE_GROWTH * sooner));
     let px = camera_px.map_or_else(|| "no corner is followed".into(), |px| format!("corners move {px:.2} px in half a second"));
     let measured = format!("{px}, the angular rate varies by {gyro:.3} rad/s, specific force by {accel:.2} m/s^2");
     if imu_rests && camera_rests {
@@ -68,10 +75,10 @@ fn spreads(material: &Material, rate_hz: f64) -> (f64, f64) {
     (spread(|sample| sample.gyro_rad_s), spread(|sample| sample.accel_m_s2))
 }
 
-/// The 90 % quantile over pairs of the median displacement in half a second, px.
-fn displacement(material: &Material, seen: &Sightings) -> Option<f64> {
+/// The 90 % quantile over pairs of the median displacement in a time, px.
+fn displacement(material: &Material, seen: &Sightings, span_s: f64) -> Option<f64> {
     let origin = material.imu.first()?.stamp;
-    let pairs = pairs(&seen.windows, 0.5, |shot| (shot.stamp - origin).as_seconds());
+    let pairs = pairs(&seen.windows, span_s, |shot| (shot.stamp - origin).as_seconds());
     let mut moved: Vec<f64> = pairs.iter().map(super::pairs::Pair::displacement_px).collect();
     libella_core::robust::stats::quantile(&mut moved, 0.9)
 }

@@ -19,6 +19,13 @@ pub(super) struct Pair {
     pub seconds: [f64; 2],
     /// Pixels in both.
     pub pixels: Vec<[Vector2<f64>; 2]>,
+    /// Places of the same corners in the table of all corners.
+    pub places: Vec<[usize; 2]>,
+}
+
+/// The pixels of all corners, in the order of windows, images and tracks.
+pub(super) fn table(windows: &[Vec<Shot>]) -> Vec<Vector2<f64>> {
+    windows.iter().flatten().flat_map(|shot| shot.corners.iter().map(|(_, pixel)| *pixel)).collect()
 }
 
 impl Pair {
@@ -41,7 +48,16 @@ impl Pair {
 /// Pairs about `span_s` apart, evenly over all windows. `seconds` gives the time of an image.
 pub(super) fn pairs(windows: &[Vec<Shot>], span_s: f64, seconds: impl Fn(&Shot) -> f64) -> Vec<Pair> {
     let mut found = Vec::new();
+    let mut base = 0;
     for shots in windows {
+        // Where the corners of each image begin in the table.
+        let begins: Vec<usize> = shots
+            .iter()
+            .map(|shot| {
+                base += shot.corners.len();
+                base - shot.corners.len()
+            })
+            .collect();
         // Half overlapping at most: what lies closer together repeats itself.
         let mut next_start = f64::NEG_INFINITY;
         for (index, first) in shots.iter().enumerate() {
@@ -50,17 +66,23 @@ pub(super) fn pairs(windows: &[Vec<Shot>], span_s: f64, seconds: impl Fn(&Shot) 
                 continue;
             }
             let after = shots.get(index + 1..).unwrap_or_default();
-            let Some(second) = after.iter().find(|shot| seconds(shot) - start > 0.9 * span_s) else { break };
+            let Some(ahead) = after.iter().position(|shot| seconds(shot) - start > 0.9 * span_s) else { break };
+            let (Some(second), Some(begin), Some(second_begin)) = (after.get(ahead), begins.get(index), begins.get(index + 1 + ahead)) else { break };
             let end = seconds(second);
             // A pause is no pair.
             if end - start > 2.0 * span_s + 0.1 {
                 continue;
             }
             next_start = start + 0.3 * span_s;
-            let pixels = shared(first, second);
-            if pixels.len() >= LEAST_SHARED {
-                let step = pixels.len().div_ceil(MOST_SHARED);
-                found.push(Pair { seconds: [start, end], pixels: pixels.into_iter().step_by(step).collect() });
+            let shared = shared(first, second);
+            if shared.len() >= LEAST_SHARED {
+                let step = shared.len().div_ceil(MOST_SHARED);
+                let (pixels, places) = shared
+                    .into_iter()
+                    .step_by(step)
+                    .map(|([i, j], pixels)| (pixels, [begin + i, second_begin + j]))
+                    .unzip();
+                found.push(Pair { seconds: [start, end], pixels, places });
             }
         }
     }
@@ -68,13 +90,14 @@ pub(super) fn pairs(windows: &[Vec<Shot>], span_s: f64, seconds: impl Fn(&Shot) 
     found.into_iter().step_by(step).collect()
 }
 
-fn shared(first: &Shot, second: &Shot) -> Vec<[Vector2<f64>; 2]> {
-    let mut others = second.corners.iter().peekable();
+/// Corners of the same track: where they are in either list, and their pixels.
+fn shared(first: &Shot, second: &Shot) -> Vec<([usize; 2], [Vector2<f64>; 2])> {
+    let mut others = second.corners.iter().enumerate().peekable();
     let mut shared = Vec::new();
-    for (track, pixel) in &first.corners {
-        while others.next_if(|(other, _)| other < track).is_some() {}
-        if let Some((_, other)) = others.next_if(|(other, _)| other == track) {
-            shared.push([*pixel, *other]);
+    for (index, (track, pixel)) in first.corners.iter().enumerate() {
+        while others.next_if(|(_, (other, _))| other < track).is_some() {}
+        if let Some((place, (_, other))) = others.next_if(|(_, (other, _))| other == track) {
+            shared.push(([index, place], [*pixel, *other]));
         }
     }
     shared

@@ -16,8 +16,8 @@ use super::lens::{Deviation, Lens};
 use super::pairs::{Pair, pairs, table};
 use super::sightings::Sightings;
 
-/// Distances in time of the pairs, s: the short one for the coarse alignment, all for the fit.
-const SPANS_S: [f64; 3] = [0.1, 0.25, 0.5];
+/// Distances in time of the pairs, s: the first for the coarse alignment, the others for the fit.
+const SPANS_S: [f64; 4] = [0.1, 0.25, 0.5, 1.0];
 /// Rates of the camera about their mean below which nothing can be told, rad/s: a pixel or two between images.
 const LEAST_RATE_RAD_S: f64 = 0.03;
 /// Correlation below which images and gyro have nothing in common, and above which they surely have.
@@ -86,7 +86,8 @@ pub(super) fn check(material: &mut Material, seen: &Sightings, findings: &mut Fi
         offset_s: coarse.offset_s,
         lens: Deviation::zeros(),
     };
-    let all: Vec<Pair> = sets.into_iter().flatten().collect();
+    // The shortest say next to nothing beside the others, and are the ones that noise biases.
+    let all: Vec<Pair> = sets.into_iter().skip(1).flatten().collect();
     let corners = table(&seen.windows);
     let free = fit(&all, &corners, &gyro, &material.camera, &start, true);
     let lens_is_wrong = free.as_ref().is_some_and(|fit| judge_lens(material, fit, findings));

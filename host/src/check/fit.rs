@@ -9,9 +9,9 @@
 //!
 //! # Uncertainty
 //! Corners repeat in many pairs and share what the model leaves out. The covariance is therefore the larger of `H⁻¹` and
-//! `H⁻¹ (Σ_c G_c G_cᵀ) H⁻¹`, with the gradients `G_c` summed over stretches of the recording.
+//! `H⁻¹ (Σ_c G_c G_cᵀ) H⁻¹`, with the gradients `G_c`, and those of what noise may feign, summed over stretches of the recording.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use libella_core::camera::CameraModel;
 use libella_core::lie::so3;
@@ -109,6 +109,8 @@ pub(super) fn fit(
     let trace = |lens: &Lens| -> Vec<Option<Ray>> {
         table.iter().zip(&used_corners).map(|(pixel, used)| used.then(|| lens.ray(pixel)).flatten()).collect()
     };
+    let count = pairs.iter().map(stretch_of).collect::<BTreeSet<i64>>().len();
+    let related = pairs.len() as f64 / count.max(1) as f64;
     let mut scale_px = 2.0;
     let mut rays = Vec::new();
     let mut near = Vec::new();
@@ -122,18 +124,20 @@ pub(super) fn fit(
         let path = gyro.path(&state.bias);
         let mut information = Information::from_diagonal(&Gradient::from_fn(|k, _| 1.0 / (prior[k] * prior[k])));
         let mut gradient = -deviation(start, &state).component_mul(&information.diagonal());
-        let mut clusters: BTreeMap<i64, Gradient> = BTreeMap::new();
+        let mut stretches: BTreeMap<i64, Stretch> = BTreeMap::new();
         let (mut residuals, mut parallaxes, mut used) = (Vec::new(), Vec::new(), 0);
         for (pair, plane) in pairs.iter().zip(&mut planes) {
             let Some((rotation, d_rotation)) = rotation_of(&path, &state, pair) else { continue };
-            let view = View { rays: &rays, near: &near, rotation, d_rotation, scale_px, focal_px: lens.focal_px(), pairs: pairs.len() };
+            let view = View { rays: &rays, near: &near, rotation, d_rotation, scale_px, focal_px: lens.focal_px(), related };
             if SEEDED.contains(&iteration) {
                 plane.seed(pair, &view);
             }
-            let Some((h, g)) = plane.equations(pair, &view, &mut residuals) else { continue };
-            information += h;
-            gradient += g;
-            *clusters.entry((pair.seconds[0] / CLUSTER_S).floor() as i64).or_insert_with(Gradient::zeros) += g;
+            let Some(said) = plane.equations(pair, &view, &mut residuals) else { continue };
+            information += said.information;
+            gradient += said.gradient;
+            let stretch = stretches.entry(stretch_of(pair)).or_default();
+            stretch.gradient += said.gradient;
+            stretch.tilts += said.tilts;
             used += 1;
             if pair.span_s() > 0.7 * longest {
                 parallaxes.extend(view.parallaxes_px(pair));
@@ -154,7 +158,7 @@ pub(super) fn fit(
         planes.iter_mut().for_each(|plane| plane.follow(&step));
         scale_px = (stats::SIGMA_PER_MAD * stats::median(&mut residuals.iter().map(|r| r.abs()).collect::<Vec<f64>>())?).max(LEAST_SIGMA_PX);
         let parallax_px = stats::quantile(&mut parallaxes, 0.9).unwrap_or(0.0);
-        last = Some((covariance(&factor.inverse(), clusters.values()), scale_px, parallax_px, used));
+        last = Some((covariance(&factor.inverse(), stretches.values()), scale_px, parallax_px, used));
         if turn < 1e-6 && step[OFFSET].abs() < 1e-6 && lens_step < 1e-5 && iteration > SEEDED[3] {
             break;
         }
@@ -162,9 +166,22 @@ pub(super) fn fit(
     last.map(|(covariance, residual_px, parallax_px, pairs)| Fit { state, covariance, residual_px, parallax_px, pairs })
 }
 
+/// Sums over a stretch of the recording.
+#[derive(Debug, Default)]
+struct Stretch {
+    gradient: Gradient,
+    tilts: SMatrix<f64, STATES, 3>,
+}
+
+fn stretch_of(pair: &Pair) -> i64 {
+    (pair.seconds[0] / CLUSTER_S).floor() as i64
+}
+
 /// The larger of what independent corners and what stretches of the recording say, parameter by parameter.
-fn covariance<'a>(inverse: &Information, stretches: impl Iterator<Item = &'a Gradient>) -> Information {
-    let meat = stretches.fold(Information::zeros(), |sum, g| sum + g * g.transpose());
+fn covariance<'a>(inverse: &Information, stretches: impl Iterator<Item = &'a Stretch>) -> Information {
+    let meat = stretches.fold(Information::zeros(), |sum, stretch| {
+        sum + stretch.gradient * stretch.gradient.transpose() + stretch.tilts * stretch.tilts.transpose()
+    });
     let sandwich = inverse * meat * inverse;
     let mut covariance = if sandwich.trace() > inverse.trace() { sandwich } else { *inverse };
     for k in 0..STATES {

@@ -13,10 +13,9 @@
 //! rotation or the lens; without the derivatives of `s`, noise would draw all of them to where `s` is large.
 //!
 //! # Degeneracy
-//! Without parallax the direction explains anything. So the whole of `g × f₂` tells the rotation too, with what corners at one distance
-//! would show of it as one error that all corners and, in the worst case, all pairs have in common.
+//! With little parallax `p` the direction adapts itself to the noise `σ`, and what it leaves to the rotation is wrong by about
+//! `σ²/p`, in the same way for all pairs of a stretch of motion. Pairs count the less for it, and the error is part of the uncertainty.
 
-use libella_core::lie::so3;
 use libella_core::robust::stats;
 use libella_core::track::two_view::{BearingPair, TwoViewConfig, reject_outliers};
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, Vector2, Vector3};
@@ -43,8 +42,17 @@ pub(super) struct View<'a> {
     /// Robust standard deviation of `r`, px.
     pub scale_px: f64,
     pub focal_px: f64,
-    /// Number of all pairs.
-    pub pairs: usize,
+    /// Number of pairs whose errors may be related.
+    pub related: f64,
+}
+
+/// What a pair says, its direction eliminated.
+pub(super) struct Equations {
+    pub information: Information,
+    /// Downhill.
+    pub gradient: Gradient,
+    /// Gradients of the rotation that noise may feign, one per axis of the camera.
+    pub tilts: SMatrix<f64, STATES, 3>,
 }
 
 fn both<'a>(rays: &'a [Option<Ray>], [first, second]: [usize; 2]) -> Option<[&'a Ray; 2]> {
@@ -121,18 +129,19 @@ impl Plane {
     }
 
     /// Information and gradient of the pair, its direction eliminated.
-    pub fn equations(&mut self, pair: &Pair, view: &View<'_>, residuals: &mut Vec<f64>) -> Option<(Information, Gradient)> {
+    pub fn equations(&mut self, pair: &Pair, view: &View<'_>, residuals: &mut Vec<f64>) -> Option<Equations> {
         let (t, scale) = (self.direction, view.scale_px);
         let basis = across(&t);
         let least_s = NEAR_EPIPOLE / view.focal_px;
         let (mut h, mut g) = (Information::zeros(), Gradient::zeros());
         // A direction is known to a radian.
         let (mut h_t, mut g_t, mut coupling) = (Matrix2::identity(), Vector2::zeros(), SMatrix::<f64, STATES, 2>::zeros());
-        let mut count = 0;
+        let (mut of_rotation, mut rotation_coupling) = (Matrix3::zeros(), Matrix3x2::zeros());
+        let mut parallaxes = Vec::with_capacity(pair.places.len());
         for (place, rays) in view.corners(pair) {
             let Residual { turned, normal, arm, q, s, is_near_epipole, r } = self.residual(&view.rotation, rays, least_s);
             residuals.push(r);
-            count += 1;
+            parallaxes.push(normal.norm());
             let noise = if is_near_epipole { 0.0 } else { 0.5 * r / (s * s) };
             let second = rays[1].bearing;
             let by_rotation = turned.cross(&arm) / s - (q[0].cross(&arm) + turned.cross(&q[1].cross(&t))) * noise;
@@ -153,8 +162,10 @@ impl Plane {
             h_t += slope_t * slope_t.transpose() * weight;
             g_t -= slope_t * (weight * r);
             coupling += slope * slope_t.transpose() * weight;
+            of_rotation += by_rotation * by_rotation.transpose() * weight;
+            rotation_coupling += by_rotation * slope_t.transpose() * weight;
         }
-        if count < LEAST_CORNERS {
+        if parallaxes.len() < LEAST_CORNERS {
             return None;
         }
         h.fill_upper_triangle_with_lower_triangle();
@@ -162,8 +173,15 @@ impl Plane {
         h -= coupling * inverse * coupling.transpose();
         g -= coupling * inverse * g_t;
         self.eliminated = (inverse, g_t, coupling);
-        let (h_whole, g_whole) = whole(pair, view)?;
-        Some((h + h_whole, g + g_whole))
+        // What noise may turn the pair by, and how much less the pair counts for it.
+        let parallax = stats::median(&mut parallaxes)?.max(scale / view.focal_px);
+        let tilt = (scale / view.focal_px).powi(2) / parallax;
+        let of_rotation = of_rotation - rotation_coupling * inverse * rotation_coupling.transpose();
+        let worth = 1.0 / (1.0 + tilt * tilt * of_rotation.trace() / 3.0 * view.related);
+        let by_tilt = view.d_rotation.transpose() * of_rotation * (tilt * worth);
+        let mut tilts = SMatrix::<f64, STATES, 3>::zeros();
+        tilts.fixed_view_mut::<7, 3>(0, 0).copy_from(&by_tilt);
+        Some(Equations { information: h * worth, gradient: g * worth, tilts })
     }
 
     fn turn(&mut self, by: &Vector2<f64>) {
@@ -183,41 +201,6 @@ impl Plane {
         self.eliminated.1 = Vector2::zeros();
         self.eliminated.2 = SMatrix::zeros();
     }
-}
-
-/// Information and gradient from the whole of `g × f₂`; the lens takes no part, because noise in radians shrinks with it.
-fn whole(pair: &Pair, view: &View<'_>) -> Option<(Information, Gradient)> {
-    let crosses: Vec<(Vector3<f64>, Vector3<f64>)> =
-        view.corners(pair).map(|(_, [first, second])| (view.rotation * first.bearing, second.bearing)).collect();
-    let parallax = stats::median(&mut crosses.iter().map(|(turned, second)| turned.cross(second).norm()).collect::<Vec<f64>>())?;
-    let noise = (view.scale_px / view.focal_px).powi(2);
-    let kernel = 4.0 * (parallax * parallax).max(noise);
-    let weight_of = |normal: &Vector3<f64>| 1.0 / (1.0 + normal.norm_squared() / kernel);
-    // T of corners at one distance minimises Σ w |g × f₂ − g × T|².
-    let (mut information, mut right, mut sum) = (Matrix3::identity() * 1e-9, Vector3::zeros(), 0.0);
-    for (turned, second) in &crosses {
-        let normal = turned.cross(second);
-        let weight = weight_of(&normal);
-        information += (Matrix3::identity() - turned * turned.transpose()) * weight;
-        right += normal.cross(turned) * weight;
-        sum += weight;
-    }
-    let common = (information.try_inverse()? * right).dot(&right) / sum;
-    let count = crosses.len() as f64;
-    // χ² with 3 degrees of freedom: 6 is exceeded by chance in one pair of nine.
-    let each = 1.0 / (noise + if common * count > 6.0 * noise { common * count * view.pairs as f64 } else { 0.0 });
-    let (mut h, mut g) = (SMatrix::<f64, 3, 3>::zeros(), Vector3::zeros());
-    for (turned, second) in &crosses {
-        let normal = turned.cross(second);
-        let slope = so3::hat(second) * so3::hat(turned);
-        let weight = each * weight_of(&normal);
-        h += slope.tr_mul(&slope) * weight;
-        g -= slope.tr_mul(&normal) * weight;
-    }
-    let (mut information, mut gradient) = (Information::zeros(), Gradient::zeros());
-    information.fixed_view_mut::<7, 7>(0, 0).copy_from(&(view.d_rotation.transpose() * h * view.d_rotation));
-    gradient.fixed_rows_mut::<7>(0).copy_from(&view.d_rotation.tr_mul(&g));
-    Some((information, gradient))
 }
 
 /// Two directions across a unit vector.

@@ -21,7 +21,7 @@ REASONS = {
     "core/src/estimator": "frames of the window, below its length by the loop or the check before",
     "core/src/factor": "fixed-size blocks, and rows of the window's frames: at most FRAMES of 15",
     "core/src/imu": "views of 3 and 15 rows into matrices of fixed size",
-    "core/src/init": "the first `frames` of MAX_INIT_FRAMES places, refused at the entry when there are more; fixed-size matrices",
+    "core/src/init": "the first `frames` of FRAMES places, refused at the entry when there are more; fixed-size matrices",
     "core/src/lie": "matrices of fixed size",
     "core/src/real": "none",
     "core/src/robust": "a slice that is not empty by the check before",

@@ -178,7 +178,6 @@ size_t libella_alignment(void);
 struct LibellaConfig libella_config(uint32_t profile);
 
 // Makes an estimator in `length` bytes at `memory` and writes its handle to `handle`. The handle is valid as long as the memory is.
-// While it is made, the estimator may also be on the stack for a moment.
 //
 // # Safety
 // `memory` is null or `length` bytes that nothing else uses; `config` and `handle` are null or valid.

@@ -15,7 +15,7 @@ pub use types::{LibellaConfig, LibellaHealth, LibellaLens, LibellaOutcome, Libel
 use core::ffi::c_char;
 use core::ptr::addr_of_mut;
 
-use libella_core::estimator::{Estimator, EstimatorConfig, StepBudget};
+use libella_core::estimator::{Estimator, EstimatorConfig, Place, StepBudget};
 use libella_core::image::{ImageView, PyramidPair};
 use libella_core::imu::{ImuNoise, ImuSample};
 use libella_core::time::Timestamp;
@@ -85,7 +85,6 @@ pub extern "C" fn libella_config(profile: u32) -> LibellaConfig {
 }
 
 /// Makes an estimator in `length` bytes at `memory` and writes its handle to `handle`. The handle is valid as long as the memory is.
-/// While it is made, the estimator may also be on the stack for a moment.
 ///
 /// # Safety
 /// `memory` is null or `length` bytes that nothing else uses; `config` and `handle` are null or valid.
@@ -138,8 +137,11 @@ unsafe fn make<const FRAMES: usize, const PAIRS: usize, const POINTS: usize, con
     }
     // SAFETY: the fields lie within the memory that the caller vouches for; nothing is read.
     unsafe {
-        addr_of_mut!((*place).pyramids).write(PyramidPair::new());
-        addr_of_mut!((*place).estimator).write(Estimator::new(settings, camera, body_from_camera));
+        addr_of_mut!((*place).pyramids).write(const { PyramidPair::new() });
+        // A place has the layout of the estimator that is made there; a constant is written without a copy on the stack.
+        let estimator = addr_of_mut!((*place).estimator).cast::<Place<Estimator<f32, FRAMES, PAIRS, POINTS, SAMPLES>>>();
+        estimator.write(const { Place::new() });
+        (*estimator).make(settings, camera, body_from_camera);
         addr_of_mut!((*place).header).write(Header { magic: MAGIC, profile: config.profile });
     }
     Some(())

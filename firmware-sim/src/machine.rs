@@ -3,7 +3,6 @@
 //! Unsafe code is here only: statics that `main` alone touches, the recording that the emulator put into memory, the stack's paint,
 //! and the semihosting call for the command line.
 
-use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use core::ptr::{addr_of, addr_of_mut};
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -13,6 +12,7 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use cortex_m_semihosting::debug::{EXIT_FAILURE, EXIT_SUCCESS, exit};
 use cortex_m_semihosting::hio::{HostStream, hstdout};
+use libella_core::estimator::Place;
 use libella_core::profile::{Micro, MicroPyramids};
 
 use libella_firmware_sim::cycles::Clock;
@@ -21,8 +21,8 @@ use libella_firmware_sim::replay::{HEADER_BYTES, Header, Replay};
 use libella_firmware_sim::schedule::{Plan, fly};
 use libella_firmware_sim::telemetry::{Line, Telemetry};
 
-/// The one estimator; written once, in place.
-static mut ESTIMATOR: MaybeUninit<Micro> = MaybeUninit::uninit();
+/// The one estimator. Zeros, so that it takes no flash.
+static mut ESTIMATOR: Place<Micro> = Place::new();
 /// The images that it compares.
 static mut PYRAMIDS: MicroPyramids = MicroPyramids::new();
 

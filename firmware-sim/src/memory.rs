@@ -1,8 +1,6 @@
 //! All the memory that the estimator lives in.
 
-use core::mem::MaybeUninit;
-
-use libella_core::estimator::EstimatorConfig;
+use libella_core::estimator::{EstimatorConfig, Place};
 use libella_core::imu::ImuNoise;
 use libella_core::profile::{Micro, MicroPyramids};
 
@@ -11,18 +9,10 @@ use crate::replay::Replay;
 /// Bytes of the estimator and of the pyramids that it reads.
 pub const BYTES: usize = size_of::<Micro>() + size_of::<MicroPyramids>();
 
-/// Builds the estimator for a recording where it will live.
-///
-/// It is as large as most of the memory, so it must not exist twice. The place is a reference that nothing else knows of, and the
-/// constructor a call of its own: then the compiler has the constructor write straight to the place.
+/// Makes the estimator for a recording where it will live: it is as large as most of the memory, so it must not exist twice.
 #[inline(never)]
-pub fn build<'a>(place: &'a mut MaybeUninit<Micro>, replay: &Replay<'_>) -> &'a mut Micro {
-    place.write(estimator(replay))
-}
-
-#[inline(never)]
-fn estimator(replay: &Replay<'_>) -> Micro {
-    Micro::new(settings(replay.imu_noise()), replay.camera(), replay.body_from_camera())
+pub fn build<'a>(place: &'a mut Place<Micro>, replay: &Replay<'_>) -> &'a mut Micro {
+    place.make(settings(replay.imu_noise()), replay.camera(), replay.body_from_camera())
 }
 
 /// Settings for 160 pixels across: a keyframe after the same angle as on 752, and corners as sharp as averaging leaves them.

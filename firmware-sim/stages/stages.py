@@ -11,7 +11,7 @@ STAGES = [
     ("track", ["FrontEnd<_,_>::follow"]),
     ("reject", ["FrontEnd<_,_>::verify"]),
     ("detect", ["FrontEnd<_,_>::replenish"]),
-    ("start", ["Estimator<T,_,_,_,_>>::step_starting", "Estimator<T,_,_,_,_>>::start_moving"]),
+    ("start", ["Estimator<T,_,_,_,_>>::step_starting", "Estimator<T,_,_,_,_>>::start_moving", "Estimator<T,_,_,_,_>>::align"]),
     ("solve", ["Estimator<T,_,_,_,_>>::solve", "Estimator<T,_,_,_,_>>::activate_landmarks"]),
     ("marginalise", ["Estimator<T,_,_,_,_>>::retire_oldest", "Estimator<T,_,_,_,_>>::drop_frame"]),
 ]

@@ -5,9 +5,8 @@
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
-use std::mem::MaybeUninit;
 
-use libella_core::estimator::Health;
+use libella_core::estimator::{Health, Place};
 use libella_core::profile::{Micro, MicroPyramids};
 use libella_firmware_sim::cycles::Clock;
 use libella_firmware_sim::memory;
@@ -85,7 +84,7 @@ struct Flight {
 fn flight(recording: &[u8], plan: &str) -> Flight {
     let replay = Replay::new(recording).unwrap();
     let plan = Plan::from_name(plan).unwrap();
-    let mut place: Box<MaybeUninit<Micro>> = Box::new_uninit();
+    let mut place: Box<Place<Micro>> = Box::default();
     let estimator = memory::build(&mut place, &replay);
     let mut pyramids = Box::new(MicroPyramids::new());
     let mut log = Log { bytes: vec![0; LOG_BYTES].into_boxed_slice(), length: 0 };

@@ -4,6 +4,7 @@ use nalgebra::{Matrix2x3, Vector2, Vector3};
 
 use super::{Camera, CameraError, KannalaBrandt, PinholeRadTan};
 use crate::real::Real;
+use crate::storage::blank::Blank;
 
 /// Any of the supported cameras.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,6 +41,10 @@ impl<T: Real> CameraModel<T> {
             Self::KannalaBrandt(camera) => CameraModel::KannalaBrandt(camera.cast()),
         }
     }
+}
+
+impl<T: Real> Blank for CameraModel<T> {
+    const BLANK: Self = Self::PinholeRadTan(Blank::BLANK);
 }
 
 impl<T: Real> From<PinholeRadTan<T>> for CameraModel<T> {

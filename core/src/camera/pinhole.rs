@@ -16,6 +16,7 @@ use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use super::monotone::is_positive_up_to;
 use super::{Camera, CameraError, check_intrinsics};
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 /// Pinhole camera with radial-tangential distortion, as OpenCV, Kalibr and EuRoC define it.
 ///
@@ -47,6 +48,8 @@ pub struct PinholeRadTan<T: Real> {
     /// `k1 k2 p1 p2`, dimensionless.
     pub distortion: [T; 4],
 }
+
+blank!([T: Real] PinholeRadTan<T> { size_px, focal_px, center_px, distortion });
 
 impl<T: Real> PinholeRadTan<T> {
     /// A camera from its calibration: size, `fx fy`, `cx cy` in px, `k1 k2 p1 p2`.

@@ -14,6 +14,7 @@
 use super::DepthSample;
 use crate::real::Real;
 use crate::robust::stats::spread;
+use crate::storage::blank::blank;
 use crate::time::Timestamp;
 
 /// The mean of `d / d_source` over positive, finite ratios; `None` where there is none.
@@ -77,6 +78,8 @@ pub struct ScaleTracker<T> {
     /// Images in a row that contradicted.
     refused: u8,
 }
+
+blank!([T: Real] ScaleTracker<T> { log_scale, variance, walk_per_s, image_sigma, last, refused });
 
 /// Images in a row after which what they say is believed instead.
 const MOST_REFUSED: u8 = 10;

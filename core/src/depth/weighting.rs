@@ -2,6 +2,7 @@
 
 use super::DepthSample;
 use crate::real::Real;
+use crate::storage::blank::Blank;
 
 /// From a depth sample to the standard deviation of `ln λ` that a landmark takes from it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,6 +26,10 @@ pub enum Weighting<T> {
         /// `c`.
         scale: T,
     },
+}
+
+impl<T: Real> Blank for Weighting<T> {
+    const BLANK: Self = Self::Calibrated { inflation: T::ZERO };
 }
 
 impl<T: Real> Weighting<T> {

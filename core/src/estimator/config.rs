@@ -3,6 +3,7 @@
 use crate::depth::{ScaleTracker, Weighting};
 use crate::imu::ImuNoise;
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 /// Configuration of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,9 +59,41 @@ pub struct EstimatorConfig<T: Real> {
     pub initialisation_scale_sigma: T,
     /// How depth that someone else tells is used.
     pub depth: DepthConfig<T>,
+    /// How planes that someone else finds are used.
+    pub planes: PlaneConfig<T>,
     /// Standard deviations of the first state: tilt (rad), velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s²).
     pub first_sigma: FirstSigma<T>,
 }
+
+blank!([T: Real] EstimatorConfig<T> {
+    imu_noise,
+    imu_noise_inflation,
+    imu_walk_inflation,
+    position_jitter_m,
+    gyro_range_rad_s,
+    accel_range_m_s2,
+    gravity_m_s2,
+    sigma_px,
+    huber,
+    outlier_chi2,
+    keyframe_parallax_px,
+    keyframe_shared_ratio,
+    keyframe_interval_s,
+    inverse_depth_per_m,
+    inverse_depth_sigma_per_m,
+    inverse_depth_guess_sigma_per_m,
+    depth,
+    planes,
+    rest_sigma_m_s,
+    rest_motion_px,
+    least_tracked,
+    longest_coast_s,
+    shortest_initialisation_s,
+    longest_initialisation_s,
+    initialisation_spacing_s,
+    initialisation_scale_sigma,
+    first_sigma,
+});
 
 /// How depth that someone else tells is used.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,6 +112,25 @@ pub struct DepthConfig<T: Real> {
     pub shortest_start_s: T,
 }
 
+/// How planes that someone else finds are used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlaneConfig<T: Real> {
+    /// `β`, what the cost of being off a plane counts beside that of corners.
+    pub weight: T,
+    /// What a point of a real surface is off its plane, m.
+    pub sigma_m: T,
+    /// A landmark is on a plane up to this distance, m.
+    pub theta_m: T,
+}
+
+blank!([T: Real] PlaneConfig<T> { weight, sigma_m, theta_m });
+
+impl<T: Real> Default for PlaneConfig<T> {
+    fn default() -> Self {
+        Self { weight: T::of(0.1), sigma_m: T::of(0.02), theta_m: T::of(0.05) }
+    }
+}
+
 /// Uncertainty of the first state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FirstSigma<T> {
@@ -91,6 +143,10 @@ pub struct FirstSigma<T> {
     /// Bias of the specific force, m/s².
     pub accel_bias_m_s2: T,
 }
+
+blank!([T: Real] FirstSigma<T> { tilt_rad, velocity_m_s, gyro_bias_rad_s, accel_bias_m_s2 });
+
+blank!([T: Real] DepthConfig<T> { weighting, scale_sigma, scale_walk_per_root_s, image_scale_sigma, gate_sigma, shortest_start_s });
 
 impl<T: Real> Default for DepthConfig<T> {
     fn default() -> Self {
@@ -141,6 +197,7 @@ impl<T: Real> Default for EstimatorConfig<T> {
             initialisation_spacing_s: T::of(0.18),
             initialisation_scale_sigma: T::of(0.15),
             depth: DepthConfig::default(),
+            planes: PlaneConfig::default(),
             first_sigma: FirstSigma {
                 tilt_rad: T::of(0.1),
                 velocity_m_s: T::of(0.5),

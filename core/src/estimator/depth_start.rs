@@ -15,7 +15,7 @@ use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::{Estimator, StepBudget, Waiting};
 use crate::imu::NavState;
-use crate::init::{MAX_INIT_FRAMES, world_from_specific_force};
+use crate::init::world_from_specific_force;
 use crate::lie::so3::hat;
 use crate::real::Real;
 use crate::window::{CameraPose, DepthSource, Frame, Landmark};
@@ -39,7 +39,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         let span_s = (last.stamp - first.stamp).as_seconds::<T>();
         // A body at rest starts from rest, which tells more.
         let moves = self.stillness.lasted_s(last.stamp) == T::ZERO;
-        if frames.len() < 3 || frames.len() > MAX_INIT_FRAMES || span_s < self.config.depth.shortest_start_s || !moves {
+        if frames.len() < 3 || span_s < self.config.depth.shortest_start_s || !moves {
             return Err(Waiting::Tracks);
         }
         let newest = frames.len() - 1;
@@ -50,7 +50,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
             return Err(Waiting::Tracks);
         }
         let Some(mut origin) = self.upright(frames) else { return Err(Waiting::Gravity) };
-        let mut states = [NavState::origin(); MAX_INIT_FRAMES];
+        let mut states = [NavState::origin(); FRAMES];
         chain(&mut states, origin, frames, &self.settings.gravity_in_world);
         let given = self.window.landmarks.iter().filter(usable);
         let Some((velocity, gyro_bias)) = first_motion(given, frames, &states[..frames.len()], &self.settings.body_from_camera) else {
@@ -108,7 +108,7 @@ fn first_motion<'a, T: Real, const FRAMES: usize>(
     body_from_camera: &Isometry3<T>,
 ) -> Option<(Vector3<T>, Vector3<T>)> {
     let camera_from_body = body_from_camera.rotation.inverse().to_rotation_matrix().into_inner();
-    let mut cameras = [CameraPose::default(); MAX_INIT_FRAMES];
+    let mut cameras = [CameraPose::default(); FRAMES];
     for (camera, state) in cameras.iter_mut().zip(from_rest) {
         *camera = CameraPose::of(state, body_from_camera);
     }

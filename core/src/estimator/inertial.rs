@@ -6,6 +6,7 @@ use super::InputError;
 use crate::imu::{ImuBias, ImuNoise, ImuSample, Preintegration};
 use crate::lie::so3;
 use crate::real::Real;
+use crate::storage::blank::blank;
 use crate::storage::ring::Ring;
 use crate::time::{Span, Timestamp};
 
@@ -25,6 +26,8 @@ pub struct InertialHistory<T: Real, const SAMPLES: usize> {
     range: (T, T),
 }
 
+blank!([T: Real, const SAMPLES: usize] InertialHistory<T, SAMPLES> { samples, range });
+
 impl<T: Real, const SAMPLES: usize> Default for InertialHistory<T, SAMPLES> {
     fn default() -> Self {
         let nothing = ImuSample { stamp: Timestamp::from_nanos(0), gyro_rad_s: Vector3::zeros(), accel_m_s2: Vector3::zeros() };
@@ -33,9 +36,9 @@ impl<T: Real, const SAMPLES: usize> Default for InertialHistory<T, SAMPLES> {
 }
 
 impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
-    /// For a sensor whose readings end at `gyro_rad_s` and `accel_m_s2`.
-    pub fn with_range(gyro_rad_s: T, accel_m_s2: T) -> Self {
-        Self { range: (gyro_rad_s, accel_m_s2), ..Self::default() }
+    /// The sensor's readings end at `gyro_rad_s` and `accel_m_s2`.
+    pub fn set_range(&mut self, gyro_rad_s: T, accel_m_s2: T) {
+        self.range = (gyro_rad_s, accel_m_s2);
     }
 
     /// Whether one of the readings is at the end of its range: the truth lies somewhere beyond.

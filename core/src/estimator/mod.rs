@@ -7,12 +7,15 @@ mod inertial;
 mod input;
 mod outliers;
 mod output;
+mod place;
+mod planes;
 mod running;
 mod sliding;
 mod starting;
 
-pub use config::{DepthConfig, EstimatorConfig, FirstSigma};
+pub use config::{DepthConfig, EstimatorConfig, FirstSigma, PlaneConfig};
 pub use output::{DepthReport, FrameOutcome, Health, InputError, StateEstimate, StepBudget, StepReport, Waiting};
+pub use place::Place;
 
 use nalgebra::{Isometry3, SMatrix, Vector3};
 
@@ -26,6 +29,7 @@ use crate::init::InitLandmark;
 use crate::real::Real;
 use crate::robust::kernel::Kernel;
 use crate::solve::{Settings, Workspace};
+use crate::storage::blank::{Blank, blank};
 use crate::time::Timestamp;
 use crate::track::{FrontEnd, FrontEndConfig};
 use crate::window::{CommonFlow, DepthPrior, Stillness, Window};
@@ -76,46 +80,65 @@ pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POI
     start_with_depth: Option<Start<Self>>,
 }
 
+blank!([T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize]
+Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES> {
+    config,
+    camera,
+    noise,
+    settings,
+    inertial,
+    window,
+    prior,
+    workspace,
+    health,
+    pose_covariance,
+    pending,
+    blind_since,
+    image_motion,
+    stillness,
+    contradictions,
+    report,
+    front_end,
+    last_image,
+    init_landmarks,
+    depth_scale,
+    depth_report,
+    start_with_depth,
+});
+
 impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize>
     Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES>
 {
     /// An estimator that waits for its first data. `body_from_camera` is the pose of the camera in the body (IMU) frame.
     #[must_use]
     pub fn new(config: EstimatorConfig<T>, camera: CameraModel<T>, body_from_camera: Isometry3<T>) -> Self {
-        Self {
-            config,
-            camera,
-            noise: config.inflated_noise(),
-            settings: Settings {
-                gravity_in_world: Vector3::new(T::ZERO, T::ZERO, -config.gravity_m_s2),
-                body_from_camera,
-                mount: CameraMount::new(&body_from_camera),
-                kernel: Kernel::huber(config.huber * config.huber),
-                depth_prior: DepthPrior::new(config.inverse_depth_per_m, config.inverse_depth_sigma_per_m),
-                guessed_depth_prior: DepthPrior::new(config.inverse_depth_per_m, config.inverse_depth_guess_sigma_per_m),
-                rest_sigma_m_s: config.rest_sigma_m_s,
-                position_jitter_m: config.position_jitter_m,
-                behind_camera_cost: T::of(100.0),
-            },
-            inertial: InertialHistory::with_range(config.gyro_range_rad_s, config.accel_range_m_s2),
-            window: Window::default(),
-            prior: Prior::default(),
-            workspace: Workspace::default(),
-            health: Health::Initialising(Waiting::Imu),
-            pose_covariance: SMatrix::zeros(),
-            pending: false,
-            blind_since: None,
-            image_motion: CommonFlow::within(T::ZERO),
-            stillness: Stillness::default(),
-            contradictions: 0,
-            report: StepReport::default(),
-            front_end: FrontEnd::new(front_end_config(&camera)),
-            last_image: None,
-            init_landmarks: [InitLandmark::default(); POINTS],
-            depth_scale: config.depth.tracker(),
-            depth_report: None,
-            start_with_depth: None,
-        }
+        let mut made = Self::BLANK;
+        made.configure(config, camera, body_from_camera);
+        made
+    }
+
+    /// Makes a blank estimator one that waits for its first data.
+    fn configure(&mut self, config: EstimatorConfig<T>, camera: CameraModel<T>, body_from_camera: Isometry3<T>) {
+        self.config = config;
+        self.camera = camera;
+        self.noise = config.inflated_noise();
+        self.settings = Settings {
+            gravity_in_world: Vector3::new(T::ZERO, T::ZERO, -config.gravity_m_s2),
+            body_from_camera,
+            mount: CameraMount::new(&body_from_camera),
+            kernel: Kernel::huber(config.huber * config.huber),
+            depth_prior: DepthPrior::new(config.inverse_depth_per_m, config.inverse_depth_sigma_per_m),
+            guessed_depth_prior: DepthPrior::new(config.inverse_depth_per_m, config.inverse_depth_guess_sigma_per_m),
+            rest_sigma_m_s: config.rest_sigma_m_s,
+            position_jitter_m: config.position_jitter_m,
+            behind_camera_cost: T::of(100.0),
+        };
+        self.inertial.set_range(config.gyro_range_rad_s, config.accel_range_m_s2);
+        self.health = Health::Initialising(Waiting::Imu);
+        self.report = StepReport::default();
+        self.front_end.configure(front_end_config(&camera));
+        self.depth_scale = config.depth.tracker();
+        self.depth_report = None;
     }
 
     /// Works on the frame that was pushed last: initialises, or solves and slides the window.

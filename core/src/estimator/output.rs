@@ -9,6 +9,7 @@ use crate::imu::NavState;
 use crate::init::InitError;
 use crate::real::Real;
 use crate::solve::SolveReport;
+use crate::storage::blank::{Blank, blank};
 use crate::time::{Span, Timestamp};
 
 /// What initialisation is waiting for.
@@ -128,6 +129,35 @@ impl<T: Real> Default for StepReport<T> {
         let solver = SolveReport { initial_cost: T::ZERO, final_cost: T::ZERO, iterations: 0, accepted: 0 };
         Self { solver, tracked: 0, outliers: 0, mean_cost: T::ZERO, marginalized: false, saturated: 0, init_error: None, depth: None }
     }
+}
+
+impl<T: Real> Blank for StepReport<T> {
+    const BLANK: Self = Self {
+        solver: Blank::BLANK,
+        tracked: 0,
+        outliers: 0,
+        mean_cost: T::ZERO,
+        marginalized: false,
+        saturated: 0,
+        // Nothing at all would be the number after the last of the errors.
+        init_error: Some(InitError::Frames(0)),
+        depth: Blank::BLANK,
+    };
+}
+
+blank!([T: Real] DepthReport<T> { given, scale, sigma_log_scale, verdict });
+
+impl Blank for Verdict {
+    const BLANK: Self = Self::Believed;
+}
+
+/// `None` would be the number after the last of the verdicts.
+impl<T: Real> Blank for Option<DepthReport<T>> {
+    const BLANK: Self = Some(Blank::BLANK);
+}
+
+impl Blank for Health {
+    const BLANK: Self = Self::Initialising(Waiting::Imu);
 }
 
 /// Why an input was refused. Nothing changed.

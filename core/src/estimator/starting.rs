@@ -2,7 +2,9 @@
 //!
 //! At rest, gravity and the gyro bias are read off the inertial samples and one frame is enough. In motion, frames are
 //! collected at a fixed spacing until velocity, gravity and scale can be told from them together.
+//!
 
+use heapless::Vec;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::{Estimator, FrameOutcome, Health, StepBudget, Waiting};
@@ -12,6 +14,7 @@ use crate::init::{InertialLink, InitConfig, InitError, MAX_INIT_FRAMES, RestConf
 use crate::real::Real;
 use crate::solve::add_initial;
 use crate::time::Timestamp;
+use crate::window::NormalizedPoint;
 
 /// Iterations of the first solution at least: it starts farther away than any later one.
 const FIRST_ITERATIONS: u8 = 12;
@@ -113,56 +116,12 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         if frames < 5 || (last.stamp - first.stamp).as_seconds::<T>() < self.config.shortest_initialisation_s {
             return Err(Waiting::Tracks);
         }
-        let mut states = [NavState::origin(); MAX_INIT_FRAMES];
-        let mut integrated_at = self.window.frames[0].state.bias;
-        // A second round integrates at the bias that the first one found.
-        for round in 0..2 {
-            let empty = InertialLink::from(&Preintegration::new(integrated_at));
-            let mut links = [empty; MAX_INIT_FRAMES];
-            for (link, frame) in links.iter_mut().zip(self.window.frames.iter().skip(1)) {
-                *link = InertialLink::from(&frame.from_previous);
-            }
-            let config = InitConfig {
-                sigma_px: self.config.sigma_px,
-                focal_px: self.camera.focal_px(),
-                gravity_m_s2: self.config.gravity_m_s2,
-                maximum_scale_sigma: self.config.initialisation_scale_sigma,
-                ..InitConfig::default()
-            };
-            let landmarks = &self.window.landmarks;
-            let bearings = (landmarks.len(), |landmark: usize, frame: usize| {
-                let point = landmarks.get(landmark)?.point(frame)?;
-                Some(Vector3::new(point.x, point.y, T::one()).normalize())
-            });
-            let found = initialise_moving(
-                &config,
-                &self.settings.body_from_camera,
-                &links[..frames - 1],
-                &bearings,
-                &mut self.init_landmarks,
-                &mut states[..frames],
-            );
-            let alignment = match found {
-                Ok(alignment) => alignment,
-                Err(error) => {
-                    self.report.init_error = Some(error);
-                    return Err(waiting_for(&error));
-                }
-            };
-            let moved = (alignment.bias.gyro_rad_s - integrated_at.gyro_rad_s).norm();
-            integrated_at = alignment.bias;
-            self.integrate_at(integrated_at);
-            if round == 1 || moved < T::of(0.02) {
-                break;
-            }
-        }
-        for (frame, state) in self.window.frames.iter_mut().zip(&states) {
-            frame.state = *state;
-        }
+        self.align()?;
         self.settle_start(budget)
     }
 
     /// Integrates the samples of all frames anew, linearised at `bias`.
+    #[inline(never)]
     pub(super) fn integrate_at(&mut self, bias: ImuBias<T>) {
         for i in 1..self.window.frames.len() {
             let (from, to) = (self.window.frames[i - 1].stamp, self.window.frames[i].stamp);
@@ -208,7 +167,69 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         Ok(())
     }
 
+    /// Finds the states of all frames.
+    // Out of line: this memory is given back before the solution needs its own.
+    #[inline(never)]
+    fn align(&mut self) -> Result<(), Waiting> {
+        let mut states = [NavState::origin(); FRAMES];
+        let mut integrated_at = self.window.frames[0].state.bias;
+        // A second round integrates at the bias that the first one found.
+        for round in 0..2 {
+            let bias = self.align_once(&mut states)?;
+            let moved = (bias.gyro_rad_s - integrated_at.gyro_rad_s).norm();
+            integrated_at = bias;
+            self.integrate_at(bias);
+            if round == 1 || moved < T::of(0.02) {
+                break;
+            }
+        }
+        for (frame, state) in self.window.frames.iter_mut().zip(&states) {
+            frame.state = *state;
+        }
+        Ok(())
+    }
+
+    /// The states at the integrals as they are, and the biases that go with them.
+    #[inline(never)]
+    fn align_once(&mut self, states: &mut [NavState<T>; FRAMES]) -> Result<ImuBias<T>, Waiting> {
+        let mut links = Vec::<InertialLink<T>, FRAMES>::new();
+        links.extend(self.window.frames.iter().skip(1).map(|frame| InertialLink::from(&frame.from_previous)));
+        let config = InitConfig {
+            sigma_px: self.config.sigma_px,
+            focal_px: self.camera.focal_px(),
+            gravity_m_s2: self.config.gravity_m_s2,
+            maximum_scale_sigma: self.config.initialisation_scale_sigma,
+            ..InitConfig::default()
+        };
+        let landmarks = &self.window.landmarks;
+        // The memory of the normal equations is idle until there is a solution: it holds bearings, which are asked for hundreds of
+        // times, and equations of landmarks, as many as fit.
+        let idle = self.workspace.normal.memory().as_flattened_mut();
+        let (known, memory) = idle.split_at_mut(idle.len().min(landmarks.len() * FRAMES * 3));
+        let known = known.as_chunks_mut::<3>().0.as_chunks_mut::<FRAMES>().0;
+        for (row, landmark) in known.iter_mut().zip(landmarks) {
+            for (frame, point) in landmark.seen() {
+                if let Some(place) = row.get_mut(frame) {
+                    *place = bearing(point).into();
+                }
+            }
+        }
+        let bearings = (landmarks.len(), |landmark: usize, frame: usize| {
+            let point = landmarks.get(landmark)?.point(frame)?;
+            let known = known.get(landmark).and_then(|row| row.get(frame));
+            Some(known.map_or_else(|| bearing(point), |known| Vector3::from(*known)))
+        });
+        let extrinsics = &self.settings.body_from_camera;
+        let (records, memory) = (&mut self.init_landmarks, memory.as_chunks_mut().0);
+        let found = initialise_moving::<FRAMES, _, _>(&config, extrinsics, &links, &bearings, records, memory, states);
+        found.map(|alignment| alignment.bias).map_err(|error| {
+            self.report.init_error = Some(error);
+            waiting_for(&error)
+        })
+    }
+
     /// Makes the first frame's state the origin of the world: `sigma` of tilt, velocity, gyro bias, accelerometer bias.
+    #[inline(never)]
     fn begin(&mut self, origin: &NavState<T>, sigma: [T; 4]) {
         let inverse = |value: T| T::one() / value;
         let gauge = T::of(1.0 / GAUGE_SIGMA);
@@ -228,6 +249,10 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.blind_since = None;
         self.health = Health::Tracking;
     }
+}
+
+fn bearing<T: Real>(point: &NormalizedPoint<T>) -> Vector3<T> {
+    Vector3::new(point.x, point.y, T::one()).normalize()
 }
 
 fn waiting_for<T: Real>(error: &InitError<T>) -> Waiting {

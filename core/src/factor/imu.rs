@@ -135,7 +135,8 @@ impl<T: Real> Columns<T> {
     }
 
     /// The product with a 3×3 block; rows above the diagonal are zero and skipped.
-    #[inline]
+    // Out of line: nine calls unrolled are ten kilobytes of a microcontroller's flash.
+    #[inline(never)]
     fn times(&self, right: &Matrix3<T>) -> SMatrix<T, 15, 3> {
         let mut product = SMatrix::<T, 15, 3>::zeros();
         for row in self.1..15 {

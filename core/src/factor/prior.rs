@@ -15,7 +15,8 @@
 
 use crate::imu::NavState;
 use crate::real::Real;
-use crate::storage::blocks::{Block, add_transposed_product, columns, pairs, place, zero_block};
+use crate::storage::blank::{Blank, blank};
+use crate::storage::blocks::{Block, add_transposed_product, columns, pairs, place};
 use crate::window::Frame;
 
 /// A square-root prior on the first `frames` frames of the window, at most `FRAMES − 2`.
@@ -35,17 +36,18 @@ pub struct Prior<T: Real, const FRAMES: usize, const PAIRS: usize> {
     pub origin: Option<NavState<T>>,
 }
 
+impl<T: Real> Blank for Option<NavState<T>> {
+    const BLANK: Self = None;
+}
+
+blank!([T: Real, const FRAMES: usize, const PAIRS: usize] Prior<T, FRAMES, PAIRS> {
+    head, columns, right_head, right, frames, origin,
+};
+    PAIRS == pairs(FRAMES), "PAIRS must be FRAMES (FRAMES + 1) / 2");
+
 impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for Prior<T, FRAMES, PAIRS> {
     fn default() -> Self {
-        const { assert!(PAIRS == pairs(FRAMES), "PAIRS must be FRAMES (FRAMES + 1) / 2") };
-        Self {
-            head: zero_block(),
-            columns: [zero_block(); PAIRS],
-            right_head: [T::ZERO; 15],
-            right: [[T::ZERO; 6]; FRAMES],
-            frames: 0,
-            origin: None,
-        }
+        Self::BLANK
     }
 }
 

@@ -27,6 +27,7 @@ use nalgebra::{Isometry3, Matrix3, Vector2, Vector3};
 
 use crate::lie::so3::hat;
 use crate::real::Real;
+use crate::storage::blank::blank;
 use crate::storage::blocks::{Block, zero_block};
 use crate::window::{CameraPose, NormalizedPoint};
 
@@ -38,6 +39,8 @@ pub struct PairGeometry<T: Real> {
     /// `t_ja`, m.
     pub translation_in_target: Vector3<T>,
 }
+
+blank!([T: Real] PairGeometry<T> { target_from_anchor, translation_in_target });
 
 impl<T: Real> Default for PairGeometry<T> {
     fn default() -> Self {
@@ -87,6 +90,8 @@ pub struct CameraMount<T: Real> {
     /// `R_CB t_BC`, m.
     pub lever_in_camera: Vector3<T>,
 }
+
+blank!([T: Real] CameraMount<T> { camera_from_body, lever_in_camera });
 
 impl<T: Real> CameraMount<T> {
     /// From the extrinsic calibration.

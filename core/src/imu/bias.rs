@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 /// What has to be subtracted from a raw reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -12,6 +13,8 @@ pub struct ImuBias<T: Real> {
     /// Offset of the specific force, m/s².
     pub accel_m_s2: Vector3<T>,
 }
+
+blank!([T: Real] ImuBias<T> { gyro_rad_s, accel_m_s2 });
 
 impl<T: Real> Default for ImuBias<T> {
     fn default() -> Self {

@@ -119,19 +119,20 @@ impl<T: Real> ErrorCovariance<T> {
     pub fn compose(&self, transition: &SMatrix<T, 15, 15>, rotation: &Matrix3<T>, later: &Self) -> Self {
         let dense = transition * self.dense(&Matrix3::identity()) * transition.transpose();
         let block = |row: usize, column: usize| -> Matrix3<T> { dense.fixed_view::<3, 3>(row, column).into_owned() };
-        let both = |m: &Matrix3<T>| rotation * m * rotation.transpose();
+        let both = |m: &Matrix3<T>| product(&product(rotation, m), &rotation.transpose());
+        let left = |m: &Matrix3<T>| product(rotation, m);
         Self {
             tt: mirror(&(block(0, 0) + both(&later.tt))),
             tv: block(0, 6) + both(&later.tv),
             tp: block(0, 3) + both(&later.tp),
-            tg: block(0, 9) + rotation * later.tg,
+            tg: block(0, 9) + left(&later.tg),
             vv: mirror(&(block(6, 6) + both(&later.vv))),
             vp: block(6, 3) + both(&later.vp),
-            vg: block(6, 9) + rotation * later.vg,
-            va: block(6, 12) + rotation * later.va,
+            vg: block(6, 9) + left(&later.vg),
+            va: block(6, 12) + left(&later.va),
             pp: mirror(&(block(3, 3) + both(&later.pp))),
-            pg: block(3, 9) + rotation * later.pg,
-            pa: block(3, 12) + rotation * later.pa,
+            pg: block(3, 9) + left(&later.pg),
+            pa: block(3, 12) + left(&later.pa),
             gg: self.gg + later.gg,
             aa: self.aa + later.aa,
         }
@@ -146,10 +147,10 @@ impl<T: Real> ErrorCovariance<T> {
                 dense.fixed_view_mut::<3, 3>(column, row).copy_from(&block.transpose());
             }
         };
-        put(0, 0, &mirror(&(turn * self.tt * turn.transpose())));
-        put(0, 3, &(turn * self.tp));
-        put(0, 6, &(turn * self.tv));
-        put(0, 9, &(turn * self.tg));
+        put(0, 0, &mirror(&product(&product(turn, &self.tt), &turn.transpose())));
+        put(0, 3, &product(turn, &self.tp));
+        put(0, 6, &product(turn, &self.tv));
+        put(0, 9, &product(turn, &self.tg));
         put(3, 3, &self.pp);
         put(3, 6, &self.vp.transpose());
         put(3, 9, &self.pg);
@@ -161,6 +162,12 @@ impl<T: Real> ErrorCovariance<T> {
         put(12, 12, &Matrix3::from_diagonal_element(self.aa));
         dense
     }
+}
+
+/// `a b`, out of line: for what is done once an image, where twenty copies of 27 products are kilobytes of a microcontroller's flash.
+#[inline(never)]
+pub(super) fn product<T: Real>(a: &Matrix3<T>, b: &Matrix3<T>) -> Matrix3<T> {
+    a * b
 }
 
 /// `a bᵀ`.

@@ -1,6 +1,7 @@
 //! The noise model of an inertial measurement unit, in continuous time.
 
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 /// Noise densities as a datasheet or an Allan plot gives them. Discrete values follow from the rate:
 /// white `σ_d = σ √rate`, random walk `σ_d = σ / √rate`.
@@ -15,6 +16,8 @@ pub struct ImuNoise<T: Real> {
     /// Random walk of the accelerometer bias, m/s³/√Hz.
     pub accel_random_walk: T,
 }
+
+blank!([T: Real] ImuNoise<T> { gyro_noise_density, accel_noise_density, gyro_random_walk, accel_random_walk });
 
 impl<T: Real> ImuNoise<T> {
     /// All four densities times a factor.

@@ -24,7 +24,7 @@ use core::fmt;
 
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
-use super::covariance::{ErrorCovariance, Transition, transition};
+use super::covariance::{ErrorCovariance, Transition, product, transition};
 use super::interval::Interval;
 use super::{ImuBias, ImuNoise, ImuSample, NavState};
 use crate::lie::so3;
@@ -155,15 +155,15 @@ impl<T: Real> Preintegration<T> {
         let span = later.span_s();
         let velocity = turn * later_velocity;
         let position = turn * later_position;
-        let d_theta = turn * later.d_theta_d_gyro;
-        let d_velocity = [turn * later.d_velocity_d_gyro, turn * later.d_velocity_d_accel];
-        let d_position = [turn * later.d_position_d_gyro, turn * later.d_position_d_accel];
+        let d_theta = product(&turn, &later.d_theta_d_gyro);
+        let d_velocity = [product(&turn, &later.d_velocity_d_gyro), product(&turn, &later.d_velocity_d_accel)];
+        let d_position = [product(&turn, &later.d_position_d_gyro), product(&turn, &later.d_position_d_accel)];
         let carry = transition(span, [&velocity, &position], &d_theta, [&d_position[0], &d_position[1]], [&d_velocity[0], &d_velocity[1]]);
         self.error = self.error.compose(&carry, &turn, &later.error);
 
-        self.d_position_d_gyro += self.d_velocity_d_gyro * span - so3::hat(&position) * self.d_theta_d_gyro + d_position[0];
+        self.d_position_d_gyro += self.d_velocity_d_gyro * span - product(&so3::hat(&position), &self.d_theta_d_gyro) + d_position[0];
         self.d_position_d_accel += self.d_velocity_d_accel * span + d_position[1];
-        self.d_velocity_d_gyro += d_velocity[0] - so3::hat(&velocity) * self.d_theta_d_gyro;
+        self.d_velocity_d_gyro += d_velocity[0] - product(&so3::hat(&velocity), &self.d_theta_d_gyro);
         self.d_velocity_d_accel += d_velocity[1];
         self.d_theta_d_gyro += d_theta;
 

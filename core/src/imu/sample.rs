@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::real::Real;
+use crate::storage::blank::blank;
 use crate::time::Timestamp;
 
 /// A raw reading in the body frame, biases included.
@@ -15,6 +16,8 @@ pub struct ImuSample<T: Real> {
     /// Specific force on the body, m/s² (at rest: 9.81 upwards).
     pub accel_m_s2: Vector3<T>,
 }
+
+blank!([T: Real] ImuSample<T> { stamp, gyro_rad_s, accel_m_s2 });
 
 impl<T: Real> ImuSample<T> {
     /// The reading at `stamp`, interpolated linearly between two samples; outside of them the nearer one.

@@ -5,6 +5,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use super::ImuBias;
 use crate::lie::so3;
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 /// Pose, velocity and biases of the body. Perturbation `[δφ δp δv δb_g δb_a]`: the rotation on the right, the rest additive.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,6 +19,8 @@ pub struct NavState<T: Real> {
     /// Biases of the inertial measurement unit.
     pub bias: ImuBias<T>,
 }
+
+blank!([T: Real] NavState<T> { world_from_body, position_in_world, velocity_in_world, bias });
 
 impl<T: Real> NavState<T> {
     /// At the origin, level, at rest, without bias.

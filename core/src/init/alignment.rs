@@ -16,12 +16,12 @@
 
 use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::chain::{Chain, InertialLink, MAX_INIT_FRAMES};
+use super::chain::{InertialLink, walk};
 use super::config::{InitConfig, InitError};
 use super::gravity::{gravity_of_known_magnitude, world_from_specific_force};
 use super::gyro_bias::{GyroBias, cauchy, estimate_gyro_bias};
 use super::median::Histogram;
-use super::refinement::{Motion, PARAMETERS, Problem, View, Views};
+use super::refinement::{LandmarkMemory, Motion, PARAMETERS, Pose, Poses, Problem};
 use super::tracks::{Bearings, InitLandmark};
 use crate::imu::{ImuBias, NavState};
 use crate::real::Real;
@@ -62,23 +62,26 @@ pub struct Alignment<T: Real> {
     pub sigma_free_gravity_m_s2: T,
 }
 
-/// First states of a moving body.
+/// First states of a moving body, from at most `FRAMES` frames; the stack that it takes grows with `FRAMES`.
 ///
 /// `links[i]` leads from frame `i` to `i + 1`; the world is level with its origin at the first body and no yaw added there.
-/// `landmarks` needs a place per landmark (surplus landmarks are left out) and `states` one per frame.
+/// `landmarks` needs a place per landmark (surplus landmarks are left out) and `states` one per frame. The equations of landmarks for
+/// which `memory` has no place are summed up twice.
 ///
 /// # Errors
 /// The reason for which there are no states yet, see [`InitError`].
-pub fn initialise_moving<T: Real, B: Bearings<T>>(
+#[inline(never)]
+pub fn initialise_moving<const FRAMES: usize, T: Real, B: Bearings<T>>(
     config: &InitConfig<T>,
     body_from_camera: &Isometry3<T>,
     links: &[InertialLink<T>],
     bearings: &B,
     landmarks: &mut [InitLandmark<T>],
+    memory: &mut [LandmarkMemory<T>],
     states: &mut [NavState<T>],
 ) -> Result<Alignment<T>, InitError<T>> {
     let frames = links.len() + 1;
-    if !(3..=MAX_INIT_FRAMES).contains(&frames) || states.len() < frames {
+    if !(3..=FRAMES).contains(&frames) || states.len() < frames {
         return Err(InitError::Frames(frames));
     }
     let count = bearings.landmark_count().min(landmarks.len());
@@ -89,7 +92,7 @@ pub fn initialise_moving<T: Real, B: Bearings<T>>(
         return Err(InitError::Tracks(long));
     }
     let start = links.first().map_or_else(Vector3::zeros, |link| link.bias.gyro_rad_s);
-    let epipolar = estimate_gyro_bias(config, body_from_camera, links, &start, bearings, landmarks)?;
+    let epipolar = estimate_gyro_bias::<FRAMES, _, _>(config, body_from_camera, links, &start, bearings, landmarks)?;
 
     let accel_m_s2 = links.first().map_or_else(Vector3::zeros, |link| link.bias.accel_m_s2);
     let still = Motion {
@@ -103,15 +106,14 @@ pub fn initialise_moving<T: Real, B: Bearings<T>>(
     if used < config.minimum_tracks {
         return Err(InitError::Tracks(used));
     }
-    let parallax_px = parallax(&Views::new(&still, links, body_from_camera), bearings, landmarks) * config.focal_px;
+    let problem = Problem::<_, _, FRAMES> { config, body_from_camera, links, bearings };
+    let parallax_px = parallax(&problem, &still, landmarks) * config.focal_px;
     if parallax_px < config.minimum_parallax_px || !parallax_px.is_usable() {
         return Err(InitError::Parallax(parallax_px));
     }
-    let problem = Problem { config, body_from_camera, links, bearings };
     let linear = align_linearly(&problem, &still.bias, landmarks).ok_or(InitError::Numerical)?;
-    let refined = problem.solve(linear.motion, landmarks).ok_or(InitError::Numerical)?;
-    let chain = Chain::new(links, &refined.motion.bias);
-    let (scale_sigma, distance_m) = scale(&refined.motion, &refined.covariance, &chain);
+    let refined = problem.solve(linear.motion, landmarks, memory).ok_or(InitError::Numerical)?;
+    let (scale_sigma, distance_m) = scale(&refined.motion, &refined.covariance, links);
     // A free scale is a valley that the descent slides along without an end.
     if scale_sigma > config.maximum_scale_sigma || !scale_sigma.is_usable() || !refined.is_converged {
         return Err(InitError::Excitation(scale_sigma));
@@ -125,7 +127,7 @@ pub fn initialise_moving<T: Real, B: Bearings<T>>(
     if off > config.maximum_gravity_error_m_s2 + linear.sigma_free_gravity_m_s2 * T::of(3.0) {
         return Err(InitError::Gravity(linear.free_gravity_m_s2));
     }
-    write_states(&refined.motion, &chain, states).ok_or(InitError::Numerical)?;
+    write_states(&refined.motion, links, states).ok_or(InitError::Numerical)?;
     let sigma = refined.covariance.diagonal().map(|variance| variance.max(T::ZERO).root());
     Ok(Alignment {
         epipolar,
@@ -152,7 +154,7 @@ fn choose<T: Real, B: Bearings<T>>(bearings: &B, frames: usize, landmarks: &mut 
         let mut good =
             (0..frames).filter(|&frame| !mask.is_rejected(frame)).filter_map(|frame| Some((frame, bearings.bearing(index, frame)?)));
         if let Some((anchor, bearing)) = good.next() {
-            #[allow(clippy::cast_possible_truncation)] // below MAX_INIT_FRAMES
+            #[allow(clippy::cast_possible_truncation)] // a window holds at most 32 frames
             {
                 landmark.anchor = anchor as u8;
             }
@@ -163,14 +165,22 @@ fn choose<T: Real, B: Bearings<T>>(bearings: &B, frames: usize, landmarks: &mut 
 }
 
 /// Median over the tracks of the angle between the first bearing and the one farthest from it, rotation removed, rad.
-fn parallax<T: Real, B: Bearings<T>>(views: &Views<T>, bearings: &B, landmarks: &[InitLandmark<T>]) -> T {
+#[inline(never)]
+fn parallax<T: Real, B: Bearings<T>, const FRAMES: usize>(
+    problem: &Problem<'_, T, B, FRAMES>,
+    motion: &Motion<T>,
+    landmarks: &[InitLandmark<T>],
+) -> T {
+    let mut poses = Poses::<T, FRAMES>::empty();
+    poses.fill(motion, problem.links, problem.body_from_camera);
     let mut angles = Histogram::new();
     for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
-        let Some(anchor) = views.as_slice().get(usize::from(landmark.anchor)) else { continue };
+        let Some(anchor) = poses.as_slice().get(usize::from(landmark.anchor)) else { continue };
         let reference = anchor.first_from_camera * landmark.bearing_in_anchor;
         let farthest =
-            views.as_slice().iter().enumerate().filter(|(frame, _)| !landmark.is_rejected(*frame)).fold(T::ZERO, |most, (frame, view)| {
-                bearings.bearing(index, frame).map_or(most, |f| most.max((view.first_from_camera * f).cross(&reference).norm()))
+            poses.as_slice().iter().enumerate().filter(|(frame, _)| !landmark.is_rejected(*frame)).fold(T::ZERO, |most, (frame, pose)| {
+                let bearing = problem.bearings.bearing(index, frame);
+                bearing.map_or(most, |f| most.max((pose.first_from_camera * f).cross(&reference).norm()))
             });
         angles.add(farthest);
     }
@@ -197,34 +207,32 @@ struct LandmarkEquations<T: Real> {
 }
 
 /// The linear solve; leaves every landmark's direction and inverse distance behind.
-fn align_linearly<T: Real, B: Bearings<T>>(
-    problem: &Problem<'_, T, B>,
+#[inline(never)]
+fn align_linearly<T: Real, B: Bearings<T>, const FRAMES: usize>(
+    problem: &Problem<'_, T, B, FRAMES>,
     bias: &ImuBias<T>,
     landmarks: &mut [InitLandmark<T>],
 ) -> Option<Linear<T>> {
     let config = problem.config;
-    // Without velocity and gravity the views hold the known part of the centres.
+    // Without velocity and gravity the poses hold the known part of the centres.
     let at_rest = Motion { velocity: Vector3::zeros(), gravity: Vector3::zeros(), bias: *bias, drift: Vector3::zeros() };
-    let known = Views::new(&at_rest, problem.links, problem.body_from_camera);
-    let chain = Chain::new(problem.links, bias);
-    let mut times = [T::ZERO; MAX_INIT_FRAMES];
-    times.iter_mut().zip(chain.nodes()).for_each(|(time, node)| *time = node.time_s);
+    let (mut known, mut centres) = (Poses::<T, FRAMES>::empty(), Poses::<T, FRAMES>::empty());
+    known.fill(&at_rest, problem.links, problem.body_from_camera);
     let mut solution: Option<Linear<T>> = None;
     for _ in 0..ROUNDS {
-        let motion = solution.as_ref().map(|linear| linear.motion);
-        let centres = motion.map(|motion| Views::new(&motion, problem.links, problem.body_from_camera));
         let mut reduced = Reduced { information: SMatrix::zeros(), right: SVector::zeros() };
         for i in 0..3 {
             // Nobody moves at 30 m/s before the start.
             reduced.information[(i, i)] = T::of(1.0 / 900.0);
         }
         for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
-            add_landmark(problem, &known, centres.as_ref(), &times, index, landmark, &mut reduced);
+            let centres = solution.is_some().then_some(centres.as_slice());
+            add_landmark(problem, known.as_slice(), centres, index, landmark, &mut reduced);
         }
         let linear = solve_reduced(&reduced, bias, config.gravity_m_s2)?;
-        let centres = Views::new(&linear.motion, problem.links, problem.body_from_camera);
+        centres.fill(&linear.motion, problem.links, problem.body_from_camera);
         for (index, landmark) in landmarks.iter_mut().enumerate().filter(|(_, landmark)| landmark.is_used) {
-            triangulate(problem, &centres, index, landmark);
+            triangulate(problem, centres.as_slice(), index, landmark);
         }
         solution = Some(linear);
     }
@@ -234,13 +242,13 @@ fn align_linearly<T: Real, B: Bearings<T>>(
 /// The weight of a bearing given where its landmark was found last.
 fn weight<T: Real>(
     config: &InitConfig<T>,
-    centres: Option<&Views<T>>,
+    centres: Option<&[Pose<T>]>,
     landmark: &InitLandmark<T>,
     frame: usize,
     direction: &Vector3<T>,
 ) -> T {
     let sigma = config.sigma_rad();
-    let found = centres.and_then(|centres| Some((centres.as_slice().get(usize::from(landmark.anchor))?, centres.as_slice().get(frame)?)));
+    let found = centres.and_then(|centres| Some((centres.get(usize::from(landmark.anchor))?, centres.get(frame)?)));
     let Some((anchor, view)) = found else { return T::one() / (sigma * sigma) };
     let distance = T::one() / landmark.inverse_distance_per_m.max(T::of(0.01));
     let offset = anchor.first_from_camera * landmark.bearing_in_anchor * distance + anchor.centre - view.centre;
@@ -251,22 +259,23 @@ fn weight<T: Real>(
     cauchy(sine * sine / (sigma * sigma)) / (scale * scale)
 }
 
-fn add_landmark<T: Real, B: Bearings<T>>(
-    problem: &Problem<'_, T, B>,
-    known: &Views<T>,
-    centres: Option<&Views<T>>,
-    times: &[T; MAX_INIT_FRAMES],
+#[inline(never)]
+fn add_landmark<T: Real, B: Bearings<T>, const FRAMES: usize>(
+    problem: &Problem<'_, T, B, FRAMES>,
+    known: &[Pose<T>],
+    centres: Option<&[Pose<T>]>,
     index: usize,
     landmark: &InitLandmark<T>,
     reduced: &mut Reduced<T>,
 ) {
     let mut own = LandmarkEquations { own: Matrix3::zeros(), own_right: Vector3::zeros(), cross: SMatrix::zeros() };
-    for (frame, (view, &time)) in known.as_slice().iter().zip(times).enumerate() {
+    for (frame, view) in known.iter().enumerate() {
         let Some(f) = (!landmark.is_rejected(frame)).then(|| problem.bearings.bearing(index, frame)).flatten() else { continue };
         let direction = view.first_from_camera * f;
         let block =
             (Matrix3::identity() - direction * direction.transpose()) * weight(problem.config, centres, landmark, frame, &direction);
         let right = block * view.centre;
+        let time = view.time_s;
         let half_squared = time * time * T::of(0.5);
         own.own += block;
         own.own_right += right;
@@ -293,6 +302,7 @@ fn add_landmark<T: Real, B: Bearings<T>>(
     }
 }
 
+#[inline(never)]
 fn solve_reduced<T: Real>(reduced: &Reduced<T>, bias: &ImuBias<T>, gravity_m_s2: T) -> Option<Linear<T>> {
     let velocity_block = reduced.information.fixed_view::<3, 3>(0, 0).into_owned();
     let cross = reduced.information.fixed_view::<3, 3>(0, 3).into_owned();
@@ -315,11 +325,17 @@ fn solve_reduced<T: Real>(reduced: &Reduced<T>, bias: &ImuBias<T>, gravity_m_s2:
 }
 
 /// The nearest point to all rays, as direction and inverse distance from the anchor.
-fn triangulate<T: Real, B: Bearings<T>>(problem: &Problem<'_, T, B>, centres: &Views<T>, index: usize, landmark: &mut InitLandmark<T>) {
-    let Some(anchor) = centres.as_slice().get(usize::from(landmark.anchor)) else { return };
+#[inline(never)]
+fn triangulate<T: Real, B: Bearings<T>, const FRAMES: usize>(
+    problem: &Problem<'_, T, B, FRAMES>,
+    centres: &[Pose<T>],
+    index: usize,
+    landmark: &mut InitLandmark<T>,
+) {
+    let Some(anchor) = centres.get(usize::from(landmark.anchor)) else { return };
     let (mut own, mut right) = (Matrix3::zeros(), Vector3::zeros());
-    let rays = |view: &View<T>, frame: usize| Some(view.first_from_camera * problem.bearings.bearing(index, frame)?);
-    for (frame, view) in centres.as_slice().iter().enumerate().filter(|(frame, _)| !landmark.is_rejected(*frame)) {
+    let rays = |view: &Pose<T>, frame: usize| Some(view.first_from_camera * problem.bearings.bearing(index, frame)?);
+    for (frame, view) in centres.iter().enumerate().filter(|(frame, _)| !landmark.is_rejected(*frame)) {
         let Some(direction) = rays(view, frame) else { continue };
         let first_round = landmark.inverse_distance_per_m == T::ZERO;
         let block = (Matrix3::identity() - direction * direction.transpose())
@@ -342,37 +358,39 @@ fn triangulate<T: Real, B: Bearings<T>>(problem: &Problem<'_, T, B>, centres: &V
 /// Relative standard deviation of the scale and the distance travelled.
 ///
 /// The scale of a motion `p_i` is moved by `δp_i` by `δs = Σ (p_i − p̄)·δp_i / Σ |p_i − p̄|²`.
-fn scale<T: Real>(motion: &Motion<T>, covariance: &SMatrix<T, PARAMETERS, PARAMETERS>, chain: &Chain<T>) -> (T, T) {
-    let nodes = chain.nodes();
-    let share = T::one() / T::of(nodes.len() as f64);
-    let mean = nodes.iter().fold(Vector3::zeros(), |sum, node| sum + motion.body(node).0 * share);
+#[inline(never)]
+fn scale<T: Real>(motion: &Motion<T>, covariance: &SMatrix<T, PARAMETERS, PARAMETERS>, links: &[InertialLink<T>]) -> (T, T) {
+    let share = T::one() / T::of((links.len() + 1) as f64);
+    let mut mean = Vector3::zeros();
+    walk(links, &motion.bias, |_, node| mean += motion.position(node) * share);
     let (mut row, mut size, mut distance) = (SVector::<T, PARAMETERS>::zeros(), T::ZERO, T::ZERO);
     let mut previous = Vector3::zeros();
-    for node in nodes {
-        let (position, d_position) = motion.body(node);
+    walk(links, &motion.bias, |_, node| {
+        let position = motion.position(node);
         let arm = position - mean;
-        row += d_position.tr_mul(&arm);
+        row += motion.d_position(node).tr_mul(&arm);
         size += arm.norm_squared();
         distance += (position - previous).norm();
         previous = position;
-    }
+    });
     let row = row / size.max(T::of(1e-12));
     (row.dot(&(covariance * row)).max(T::ZERO).root(), distance)
 }
 
-fn write_states<T: Real>(motion: &Motion<T>, chain: &Chain<T>, states: &mut [NavState<T>]) -> Option<()> {
+#[inline(never)]
+fn write_states<T: Real>(motion: &Motion<T>, links: &[InertialLink<T>], states: &mut [NavState<T>]) -> Option<()> {
     let world_from_first: UnitQuaternion<T> = world_from_specific_force(&-motion.gravity)?;
-    for (state, node) in states.iter_mut().zip(chain.nodes()) {
+    let mut is_finite = true;
+    walk(links, &motion.bias, |frame, node| {
+        let Some(state) = states.get_mut(frame) else { return };
         *state = NavState {
             world_from_body: world_from_first * node.first_from_body,
-            position_in_world: world_from_first * motion.body(node).0,
+            position_in_world: world_from_first * motion.position(node),
             velocity_in_world: world_from_first
                 * (motion.velocity + motion.gravity * node.time_s + node.velocity + node.d_velocity_d_drift * motion.drift),
             bias: motion.bias,
         };
-        if !state.is_finite() {
-            return None;
-        }
-    }
-    Some(())
+        is_finite &= state.is_finite();
+    });
+    is_finite.then_some(())
 }

@@ -110,13 +110,15 @@ impl<T: Real> Node<T> {
         }
     }
 
-    fn then(&self, link: &InertialLink<T>, bias: &ImuBias<T>) -> Self {
+    /// To the end of a link.
+    #[inline(never)]
+    fn advance(&mut self, link: &InertialLink<T>, bias: &ImuBias<T>) {
         let (rotation, d_rotation) = link.rotation_at(&bias.gyro_rad_s);
         let moved = bias_vector(bias) - bias_vector(&link.bias);
         let velocity = link.velocity + link.d_velocity_d_bias * moved;
         let position = link.position + link.d_position_d_bias * moved;
         let turned = self.first_from_body.to_rotation_matrix().into_inner();
-        let advance = |delta: &Vector3<T>, d_delta: &SMatrix<T, 3, 6>| {
+        let turn = |delta: &Vector3<T>, d_delta: &SMatrix<T, 3, 6>| {
             let mut sensitivity = *d_delta;
             let mut gyro = sensitivity.fixed_columns_mut::<3>(0);
             gyro -= so3::hat(delta) * self.d_rotation_d_gyro;
@@ -125,7 +127,7 @@ impl<T: Real> Node<T> {
         // The drift stands at its mean over the link.
         let middle_s = self.time_s + link.span_s * T::of(0.5);
         let drifted = |d_delta: &SMatrix<T, 3, 6>| turned * d_delta.fixed_columns::<3>(3) * middle_s;
-        Self {
+        *self = Self {
             d_velocity_d_drift: self.d_velocity_d_drift + drifted(&link.d_velocity_d_bias),
             d_position_d_drift: self.d_position_d_drift + self.d_velocity_d_drift * link.span_s + drifted(&link.d_position_d_bias),
             time_s: self.time_s + link.span_s,
@@ -133,9 +135,9 @@ impl<T: Real> Node<T> {
             velocity: self.velocity + turned * velocity,
             position: self.position + self.velocity * link.span_s + turned * position,
             d_rotation_d_gyro: rotation.to_rotation_matrix().transpose() * self.d_rotation_d_gyro + d_rotation,
-            d_velocity_d_bias: self.d_velocity_d_bias + advance(&velocity, &link.d_velocity_d_bias),
-            d_position_d_bias: self.d_position_d_bias + self.d_velocity_d_bias * link.span_s + advance(&position, &link.d_position_d_bias),
-        }
+            d_velocity_d_bias: self.d_velocity_d_bias + turn(&velocity, &link.d_velocity_d_bias),
+            d_position_d_bias: self.d_position_d_bias + self.d_velocity_d_bias * link.span_s + turn(&position, &link.d_position_d_bias),
+        };
     }
 }
 
@@ -145,25 +147,14 @@ pub(super) fn bias_vector<T: Real>(bias: &ImuBias<T>) -> SMatrix<T, 6, 1> {
     SMatrix::<T, 6, 1>::new(g.x, g.y, g.z, a.x, a.y, a.z)
 }
 
-/// The chain of all links at one bias. Links beyond the capacity are left out.
-pub(super) struct Chain<T: Real> {
-    nodes: [Node<T>; MAX_INIT_FRAMES],
-    count: usize,
-}
-
-impl<T: Real> Chain<T> {
-    pub(super) fn new(links: &[InertialLink<T>], bias: &ImuBias<T>) -> Self {
-        let mut nodes = [Node::first(); MAX_INIT_FRAMES];
-        let mut last = Node::first();
-        for (slot, link) in nodes.iter_mut().skip(1).zip(links) {
-            last = last.then(link, bias);
-            *slot = last;
-        }
-        Self { nodes, count: (links.len() + 1).min(MAX_INIT_FRAMES) }
-    }
-
-    pub(super) fn nodes(&self) -> &[Node<T>] {
-        &self.nodes[..self.count]
+/// Shows every frame of the chain at one bias, with its number, one after the other: kept together they would take a fifth of the
+/// stack of a microcontroller.
+pub(super) fn walk<T: Real>(links: &[InertialLink<T>], bias: &ImuBias<T>, mut visit: impl FnMut(usize, &Node<T>)) {
+    let mut node = Node::first();
+    visit(0, &node);
+    for (frame, link) in (1..).zip(links) {
+        node.advance(link, bias);
+        visit(frame, &node);
     }
 }
 
@@ -199,7 +190,13 @@ mod tests {
                 gyro_rad_s: Vector3::new(0.05, -0.02, 0.07) + d.fixed_rows::<3>(0),
                 accel_m_s2: Vector3::new(0.1, 0.2, 0.3) + d.fixed_rows::<3>(3),
             };
-            Chain::new(&links, &bias).nodes()[4]
+            let mut last = Node::first();
+            walk(&links, &bias, |frame, node| {
+                if frame == 4 {
+                    last = *node;
+                }
+            });
+            last
         };
         let base = at(&SVector::zeros());
         let numerical = numerical_jacobian::<9, 6>(1e-6, |d| {

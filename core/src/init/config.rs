@@ -28,6 +28,8 @@ pub struct InitConfig<T: Real> {
     pub maximum_scale_sigma: T,
     /// Largest median reprojection error that is accepted, in units of `sigma_px`.
     pub maximum_median_residual: T,
+    /// Iterations of the refinement at most; a motion that has not settled by then lacks excitation.
+    pub maximum_iterations: usize,
     /// Least share of the observations within three standard deviations.
     pub minimum_inlier_ratio: T,
     /// Largest difference of the freely estimated gravity from the known magnitude, m/s², beyond three of its standard deviations.
@@ -47,6 +49,7 @@ impl<T: Real> Default for InitConfig<T> {
             minimum_parallax_px: T::of(6.0),
             maximum_scale_sigma: T::of(0.1),
             maximum_median_residual: T::of(2.0),
+            maximum_iterations: 40,
             minimum_inlier_ratio: T::of(0.6),
             maximum_gravity_error_m_s2: T::of(1.5),
         }

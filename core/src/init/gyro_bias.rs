@@ -15,9 +15,9 @@
 //! Without parallax `n` has no preferred plane. There the rotation alone must align the bearings, `n → 0`; this residual takes
 //! part in every pair, weighted as if the parallax were one common error of its own size, so that it only counts where there is none.
 
-use nalgebra::{Isometry3, Matrix2, Matrix3, Matrix3x2, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix2, Matrix3, Matrix3x2, UnitQuaternion, Vector2, Vector3};
 
-use super::chain::{Chain, InertialLink, MAX_INIT_FRAMES};
+use super::chain::{InertialLink, walk};
 use super::config::{InitConfig, InitError};
 use super::median::Histogram;
 use super::tracks::{Bearings, InitLandmark, across};
@@ -26,7 +26,6 @@ use crate::lie::so3;
 use crate::real::Real;
 
 const STRIDES: [usize; 3] = [1, 2, 4];
-const PAIRS: usize = STRIDES.len() * MAX_INIT_FRAMES;
 const ITERATIONS: usize = 28;
 /// Wide pairs join once neighbours have removed most of the bias.
 const NEIGHBOURS_ONLY: usize = 4;
@@ -67,6 +66,11 @@ struct Pair<T: Real> {
     eliminated: (Matrix2<T>, Vector2<T>, Matrix3x2<T>),
 }
 
+fn residual<T: Real>(translation: &Vector3<T>, f_first: &Vector3<T>, normal: &Vector3<T>) -> (T, T) {
+    let sine = (translation.cross(f_first).norm_squared() + T::of(NEAR_EPIPOLE)).root();
+    (translation.dot(normal) / sine, sine)
+}
+
 /// What one pair says about the bias once its direction is eliminated.
 struct PairEquations<T: Real> {
     information: Matrix3<T>,
@@ -76,8 +80,7 @@ struct PairEquations<T: Real> {
 impl<T: Real> Pair<T> {
     /// `r`, and its derivative by the direction, 2×1 in the basis given.
     fn residual(&self, f_first: &Vector3<T>, normal: &Vector3<T>) -> (T, T) {
-        let sine = (self.translation.cross(f_first).norm_squared() + T::of(NEAR_EPIPOLE)).root();
-        (self.translation.dot(normal) / sine, sine)
+        residual(&self.translation, f_first, normal)
     }
 
     fn d_residual_d_translation(&self, basis: &Matrix3x2<T>, f_first: &Vector3<T>, normal: &Vector3<T>) -> Vector2<T> {
@@ -86,6 +89,7 @@ impl<T: Real> Pair<T> {
     }
 
     /// Replaces the direction by the best of a few that two tracks alone determine, `n_a × n_b`, if that is better.
+    #[inline(never)]
     fn sample_translation<B: Bearings<T>>(&mut self, bearings: &B, scale: T) {
         let mut sample = [(Vector3::zeros(), Vector3::zeros()); SAMPLE];
         let total = shared(bearings, self.first, self.second).count();
@@ -99,16 +103,24 @@ impl<T: Real> Pair<T> {
             count += 1;
         }
         let sample = &sample[..count];
-        let cost = |translation: &Vector3<T>| {
-            let candidate = Self { translation: *translation, ..*self };
-            sample.iter().fold(T::ZERO, |sum, (f_first, normal)| {
-                let (residual, _) = candidate.residual(f_first, normal);
-                sum - cauchy(residual * residual / (scale * scale))
-            })
+        // Every track lowers the cost by one at most: a direction that cannot come below `limit` any more is given up.
+        let cost = |translation: &Vector3<T>, limit: T| {
+            let mut sum = T::ZERO;
+            let mut remaining = T::of(count as f64);
+            for (f_first, normal) in sample {
+                let (residual, _) = residual(translation, f_first, normal);
+                sum -= cauchy(residual * residual / (scale * scale));
+                remaining -= T::one();
+                // Sums of this length are rounded by less than the margin.
+                if sum - remaining > limit + T::of(1e-3) {
+                    break;
+                }
+            }
+            sum
         };
-        let mut best = (cost(&self.translation), self.translation);
-        if self.translation == Vector3::zeros() {
-            best.0 = T::ZERO;
+        let mut best = (T::ZERO, self.translation);
+        if self.translation != Vector3::zeros() {
+            best.0 = cost(&self.translation, T::ZERO);
         }
         for hypothesis in 0..HYPOTHESES {
             let (Some((_, a)), Some((_, b))) = (sample.get(hypothesis * 7 % count), sample.get((hypothesis * 13 + count / 2) % count))
@@ -119,7 +131,7 @@ impl<T: Real> Pair<T> {
             let length = across_both.norm();
             if length > T::of(1e-3) * a.norm() * b.norm() && length > T::ZERO {
                 let translation = across_both / length;
-                let cost = cost(&translation);
+                let cost = cost(&translation, best.0);
                 if cost < best.0 {
                     best = (cost, translation);
                 }
@@ -129,6 +141,7 @@ impl<T: Real> Pair<T> {
     }
 
     /// Two Gauss-Newton steps of the direction for the present rotation.
+    #[inline(never)]
     fn fit_translation<B: Bearings<T>>(&mut self, bearings: &B, scale: T) -> Option<()> {
         for _ in 0..2 {
             let basis = across(&self.translation);
@@ -164,6 +177,7 @@ impl<T: Real> Pair<T> {
         }
     }
 
+    #[inline(never)]
     fn equations<B: Bearings<T>>(&mut self, bearings: &B, scale: T, sigma: T, residuals: &mut Histogram) -> Option<PairEquations<T>> {
         let basis: Matrix3x2<T> = across(&self.translation);
         let (mut h_bb, mut g_b) = (Matrix3::<T>::zeros(), Vector3::<T>::zeros());
@@ -211,14 +225,15 @@ impl<T: Real> Pair<T> {
     }
 }
 
-/// Estimates the gyro bias, starting from `start_rad_s`.
+/// Estimates the gyro bias, starting from `start_rad_s`, from at most `FRAMES` frames.
 ///
 /// `landmarks` receives the observations that contradict most of their pairs in `rejected_frames`; the rest of it is untouched.
 ///
 /// # Errors
 /// `Frames` for fewer than three or too many frames, `Tracks` when fewer than two pairs share eight tracks, `Agreement` when most
 /// observations stay far from their epipolar planes.
-pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
+#[inline(never)]
+pub fn estimate_gyro_bias<const FRAMES: usize, T: Real, B: Bearings<T>>(
     config: &InitConfig<T>,
     body_from_camera: &Isometry3<T>,
     links: &[InertialLink<T>],
@@ -227,7 +242,7 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
     landmarks: &mut [InitLandmark<T>],
 ) -> Result<GyroBias<T>, InitError<T>> {
     let frames = links.len() + 1;
-    if !(3..=MAX_INIT_FRAMES).contains(&frames) {
+    if !(3..=FRAMES).contains(&frames) {
         return Err(InitError::Frames(frames));
     }
     let body_from_camera = body_from_camera.rotation.to_rotation_matrix().into_inner();
@@ -242,7 +257,8 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
         d_rotation: Matrix3::identity(),
         eliminated: (Matrix2::zeros(), Vector2::zeros(), Matrix3x2::zeros()),
     };
-    let mut pairs = [empty; PAIRS];
+    let mut pairs = [[empty; FRAMES]; STRIDES.len()];
+    let pairs = pairs.as_flattened_mut();
     let mut pair_count = 0;
     for stride in STRIDES {
         for first in 0..frames.saturating_sub(stride) {
@@ -252,6 +268,8 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
             }
         }
     }
+    // Orientation in the first body frame, and its derivative by the gyro bias.
+    let mut turns = [(UnitQuaternion::identity(), Matrix3::zeros()); FRAMES];
     let prior = T::one() / (config.sigma_gyro_bias_rad_s * config.sigma_gyro_bias_rad_s);
     let mut bias = *start_rad_s;
     let mut scale = least_scale * T::of(3.0);
@@ -259,17 +277,21 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
     let mut used = 0;
     let mut residuals = Histogram::new();
     for iteration in 0..ITERATIONS {
-        let chain = Chain::new(links, &ImuBias { gyro_rad_s: bias, accel_m_s2: Vector3::zeros() });
+        walk(links, &ImuBias { gyro_rad_s: bias, accel_m_s2: Vector3::zeros() }, |frame, node| {
+            if let Some(turn) = turns.get_mut(frame) {
+                *turn = (node.first_from_body, node.d_rotation_d_gyro);
+            }
+        });
         information = Matrix3::identity() * prior;
         let mut gradient = bias * prior;
         residuals = Histogram::new();
         used = 0;
         let active = if iteration < NEIGHBOURS_ONLY { frames - 1 } else { pair_count };
         for pair in pairs.iter_mut().take(active) {
-            let (Some(first), Some(second)) = (chain.nodes().get(pair.first), chain.nodes().get(pair.second)) else { continue };
-            let between = (first.first_from_body.inverse() * second.first_from_body).to_rotation_matrix().into_inner();
+            let (Some((first, d_first)), Some((second, d_second))) = (turns.get(pair.first), turns.get(pair.second)) else { continue };
+            let between = (first.inverse() * second).to_rotation_matrix().into_inner();
             pair.rotation = body_from_camera.transpose() * between * body_from_camera;
-            pair.d_rotation = body_from_camera.transpose() * (second.d_rotation_d_gyro - between.tr_mul(&first.d_rotation_d_gyro));
+            pair.d_rotation = body_from_camera.transpose() * (d_second - between.tr_mul(d_first));
             if iteration < NEIGHBOURS_ONLY + 4 || iteration % 3 == 0 {
                 pair.sample_translation(bearings, scale);
             }
@@ -302,7 +324,7 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
             break;
         }
     }
-    let inlier_ratio = vote(&pairs[..pair_count], bearings, landmarks, scale.max(least_scale) * T::of(3.0));
+    let inlier_ratio = vote::<FRAMES, _, _>(&pairs[..pair_count], bearings, landmarks, scale.max(least_scale) * T::of(3.0));
     let residual_px = residuals.quantile::<T>(0.5).ok_or(InitError::Tracks(0))? * config.focal_px;
     // An observation takes part in up to one pair per stride on each side: count its information once.
     let covariance = information.try_inverse().ok_or(InitError::Numerical)? * T::of(STRIDES.len() as f64);
@@ -319,10 +341,10 @@ pub fn estimate_gyro_bias<T: Real, B: Bearings<T>>(
 }
 
 /// Marks observations that are outliers in more than half of their pairs; the share of inliers over all pairs.
-fn vote<T: Real, B: Bearings<T>>(pairs: &[Pair<T>], bearings: &B, landmarks: &mut [InitLandmark<T>], limit: T) -> T {
+fn vote<const FRAMES: usize, T: Real, B: Bearings<T>>(pairs: &[Pair<T>], bearings: &B, landmarks: &mut [InitLandmark<T>], limit: T) -> T {
     let (mut inliers, mut total) = (0_u32, 0_u32);
     for (landmark, record) in (0..bearings.landmark_count()).zip(landmarks.iter_mut()) {
-        let mut votes = [(0_u8, 0_u8); MAX_INIT_FRAMES];
+        let mut votes = [(0_u8, 0_u8); FRAMES];
         for pair in pairs.iter().filter(|pair| pair.translation != Vector3::zeros()) {
             let (Some(f_first), Some(f_second)) = (bearings.bearing(landmark, pair.first), bearings.bearing(landmark, pair.second)) else {
                 continue;

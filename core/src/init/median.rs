@@ -10,7 +10,7 @@ const FIRST: u32 = (127 - 24) << 3;
 
 /// Counts positive values in bins of equal relative width, 2⁻²⁴ to 2⁸, eight to the octave.
 pub(super) struct Histogram {
-    counts: [u32; BINS],
+    counts: [u16; BINS],
     total: u32,
 }
 
@@ -22,7 +22,7 @@ impl Histogram {
     pub(super) fn add<T: Real>(&mut self, value: T) {
         let bin = (value.as_f32().abs().to_bits() >> SHIFT).saturating_sub(FIRST) as usize;
         if let Some(count) = self.counts.get_mut(bin.min(BINS - 1)) {
-            *count += 1;
+            *count = count.saturating_add(1);
             self.total += 1;
         }
     }
@@ -33,7 +33,7 @@ impl Histogram {
         let rank = (self.total as f32 * part) as u32;
         let mut below = 0;
         for (bin, count) in (0_u32..).zip(&self.counts) {
-            below += count;
+            below += u32::from(*count);
             if below > rank {
                 let middle = ((bin + FIRST) << SHIFT) + (1 << (SHIFT - 1));
                 return Some(T::of(f64::from(f32::from_bits(middle))));

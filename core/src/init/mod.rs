@@ -27,5 +27,6 @@ pub use chain::{InertialLink, MAX_INIT_FRAMES};
 pub use config::{InitConfig, InitError};
 pub use gravity::{gravity_of_known_magnitude, world_from_specific_force};
 pub use gyro_bias::{GyroBias, estimate_gyro_bias};
+pub use refinement::LandmarkMemory;
 pub use stillness::{Motion, Rest, RestConfig, detect_rest};
 pub use tracks::{Bearings, InitLandmark};

@@ -21,7 +21,7 @@
 
 use nalgebra::{Isometry3, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-use super::chain::{Chain, InertialLink, MAX_INIT_FRAMES, Node};
+use super::chain::{InertialLink, Node, walk};
 use super::config::InitConfig;
 use super::gyro_bias::cauchy;
 use super::median::Histogram;
@@ -69,8 +69,14 @@ impl<T: Real> Motion<T> {
         }
     }
 
-    /// `p_i` of the body in its first frame, and its derivative, 3×14.
-    pub(super) fn body(&self, node: &Node<T>) -> (Vector3<T>, Row<T>) {
+    /// `p_i` of the body in its first frame.
+    pub(super) fn position(&self, node: &Node<T>) -> Vector3<T> {
+        let half_squared = node.time_s * node.time_s * T::of(0.5);
+        self.velocity * node.time_s + self.gravity * half_squared + node.position + node.d_position_d_drift * self.drift
+    }
+
+    /// Its derivative, 3×14.
+    pub(super) fn d_position(&self, node: &Node<T>) -> Row<T> {
         let half_squared = node.time_s * node.time_s * T::of(0.5);
         let magnitude = self.gravity.norm();
         let mut d_position = Row::zeros();
@@ -80,51 +86,103 @@ impl<T: Real> Motion<T> {
         d_position.fixed_columns_mut::<3>(ACCEL).copy_from(&node.d_position_d_bias.fixed_columns::<3>(3));
         d_position.fixed_columns_mut::<3>(GYRO).copy_from(&node.d_position_d_bias.fixed_columns::<3>(0));
         d_position.fixed_columns_mut::<3>(DRIFT).copy_from(&node.d_position_d_drift);
-        (self.velocity * node.time_s + self.gravity * half_squared + node.position + node.d_position_d_drift * self.drift, d_position)
+        d_position
     }
 }
 
 /// A camera of the chain in the first body frame.
 #[derive(Clone, Copy)]
-pub(super) struct View<T: Real> {
+pub(super) struct Pose<T: Real> {
+    pub time_s: T,
     pub first_from_camera: Matrix3<T>,
     pub centre: Vector3<T>,
+}
+
+impl<T: Real> Pose<T> {
+    fn of(motion: &Motion<T>, node: &Node<T>, body_from_camera: &Isometry3<T>) -> Self {
+        let first_from_body = node.first_from_body.to_rotation_matrix().into_inner();
+        Self {
+            time_s: node.time_s,
+            first_from_camera: first_from_body * body_from_camera.rotation.to_rotation_matrix().into_inner(),
+            centre: motion.position(node) + first_from_body * body_from_camera.translation.vector,
+        }
+    }
+}
+
+/// The same with its derivatives.
+#[derive(Clone, Copy)]
+pub(super) struct View<T: Real> {
+    pub pose: Pose<T>,
     d_centre: Row<T>,
     /// `R_CB φ`, 3×3: turn of the camera about its own axes by the gyro bias.
     d_turn: Matrix3<T>,
 }
 
+impl<T: Real> View<T> {
+    fn of(motion: &Motion<T>, node: &Node<T>, body_from_camera: &Isometry3<T>) -> Self {
+        let first_from_body = node.first_from_body.to_rotation_matrix().into_inner();
+        let mut d_centre = motion.d_position(node);
+        let mut gyro = d_centre.fixed_columns_mut::<3>(GYRO);
+        gyro -= first_from_body * so3::hat(&body_from_camera.translation.vector) * node.d_rotation_d_gyro;
+        Self {
+            pose: Pose::of(motion, node, body_from_camera),
+            d_centre,
+            d_turn: body_from_camera.rotation.to_rotation_matrix().into_inner().transpose() * node.d_rotation_d_gyro,
+        }
+    }
+}
+
 /// All cameras at one set of parameters.
-pub(super) struct Views<T: Real> {
-    views: [View<T>; MAX_INIT_FRAMES],
+pub(super) struct Poses<T: Real, const FRAMES: usize> {
+    poses: [Pose<T>; FRAMES],
     count: usize,
 }
 
-impl<T: Real> Views<T> {
-    pub(super) fn new(motion: &Motion<T>, links: &[InertialLink<T>], body_from_camera: &Isometry3<T>) -> Self {
-        let chain = Chain::new(links, &motion.bias);
-        let body_from_camera_turn = body_from_camera.rotation.to_rotation_matrix().into_inner();
-        let lever = body_from_camera.translation.vector;
-        let empty =
-            View { first_from_camera: Matrix3::identity(), centre: Vector3::zeros(), d_centre: Row::zeros(), d_turn: Matrix3::zeros() };
-        let mut views = [empty; MAX_INIT_FRAMES];
-        for (view, node) in views.iter_mut().zip(chain.nodes()) {
-            let first_from_body = node.first_from_body.to_rotation_matrix().into_inner();
-            let (position, mut d_centre) = motion.body(node);
-            let mut gyro = d_centre.fixed_columns_mut::<3>(GYRO);
-            gyro -= first_from_body * so3::hat(&lever) * node.d_rotation_d_gyro;
-            *view = View {
-                first_from_camera: first_from_body * body_from_camera_turn,
-                centre: position + first_from_body * lever,
-                d_centre,
-                d_turn: body_from_camera_turn.transpose() * node.d_rotation_d_gyro,
-            };
-        }
-        Self { views, count: chain.nodes().len() }
+impl<T: Real, const FRAMES: usize> Poses<T, FRAMES> {
+    pub(super) fn empty() -> Self {
+        let pose = Pose { time_s: T::ZERO, first_from_camera: Matrix3::identity(), centre: Vector3::zeros() };
+        Self { poses: [pose; FRAMES], count: 0 }
+    }
+
+    #[inline(never)]
+    pub(super) fn fill(&mut self, motion: &Motion<T>, links: &[InertialLink<T>], body_from_camera: &Isometry3<T>) {
+        self.count = (links.len() + 1).min(FRAMES);
+        walk(links, &motion.bias, |frame, node| {
+            if let Some(pose) = self.poses.get_mut(frame) {
+                *pose = Pose::of(motion, node, body_from_camera);
+            }
+        });
+    }
+
+    pub(super) fn as_slice(&self) -> &[Pose<T>] {
+        self.poses.get(..self.count).unwrap_or_default()
+    }
+}
+
+/// The same with their derivatives.
+pub(super) struct Views<T: Real, const FRAMES: usize> {
+    views: [View<T>; FRAMES],
+    count: usize,
+}
+
+impl<T: Real, const FRAMES: usize> Views<T, FRAMES> {
+    pub(super) fn empty() -> Self {
+        let pose = Pose { time_s: T::ZERO, first_from_camera: Matrix3::identity(), centre: Vector3::zeros() };
+        Self { views: [View { pose, d_centre: Row::zeros(), d_turn: Matrix3::zeros() }; FRAMES], count: 0 }
+    }
+
+    #[inline(never)]
+    pub(super) fn fill(&mut self, motion: &Motion<T>, links: &[InertialLink<T>], body_from_camera: &Isometry3<T>) {
+        self.count = (links.len() + 1).min(FRAMES);
+        walk(links, &motion.bias, |frame, node| {
+            if let Some(view) = self.views.get_mut(frame) {
+                *view = View::of(motion, node, body_from_camera);
+            }
+        });
     }
 
     pub(super) fn as_slice(&self) -> &[View<T>] {
-        &self.views[..self.count]
+        self.views.get(..self.count).unwrap_or_default()
     }
 }
 
@@ -139,8 +197,8 @@ pub(super) struct Linear<T: Real> {
 
 /// `None` when the point is not in front of the camera.
 pub(super) fn residual<T: Real>(
-    anchor: &View<T>,
-    view: &View<T>,
+    anchor: &Pose<T>,
+    view: &Pose<T>,
     u: &Vector3<T>,
     rho: T,
     f: &Vector3<T>,
@@ -158,6 +216,7 @@ pub(super) fn linearize<T: Real>(
     rho: T,
     f: &Vector3<T>,
 ) -> Option<Linear<T>> {
+    let (View { pose: anchor, d_centre: d_anchor, d_turn: d_anchor_turn }, View { pose: view, d_centre, d_turn }) = (anchor, view);
     let (residual, h, depth) = residual(anchor, view, u, rho, f)?;
     let d_h = (across(f).transpose() - residual * f.transpose()) / depth;
     let camera_from_first = view.first_from_camera.transpose();
@@ -167,9 +226,9 @@ pub(super) fn linearize<T: Real>(
     let mut d_motion = SMatrix::zeros();
     if !is_anchor {
         d_landmark.set_column(2, &(d_h_first * (anchor.centre - view.centre)));
-        d_motion = d_h_first * (anchor.d_centre - view.d_centre) * rho;
+        d_motion = d_h_first * (d_anchor - d_centre) * rho;
         let mut gyro = d_motion.fixed_columns_mut::<3>(GYRO);
-        gyro += d_h * so3::hat(&h) * view.d_turn - d_h_first * anchor.first_from_camera * so3::hat(u) * anchor.d_turn;
+        gyro += d_h * so3::hat(&h) * d_turn - d_h_first * anchor.first_from_camera * so3::hat(u) * d_anchor_turn;
     }
     Some(Linear { residual, d_motion, d_landmark })
 }
@@ -185,12 +244,50 @@ pub(super) struct Refined<T: Real> {
     pub is_converged: bool,
 }
 
-/// The problem that does not change while it is solved.
-pub(super) struct Problem<'a, T: Real, B> {
+/// The problem that does not change while it is solved. At most `FRAMES` frames.
+pub(super) struct Problem<'a, T: Real, B, const FRAMES: usize> {
     pub config: &'a InitConfig<T>,
     pub body_from_camera: &'a Isometry3<T>,
     pub links: &'a [InertialLink<T>],
     pub bearings: &'a B,
+}
+
+/// `A += JᵀW`, where that is symmetric: its lower triangle, two columns at a time.
+fn add_square<T: Real>(information: &mut Information<T>, jacobian: &SMatrix<T, 2, PARAMETERS>, weighted: &SMatrix<T, 2, PARAMETERS>) {
+    let mut rows = jacobian.as_slice().as_chunks::<2>().0;
+    let weights = weighted.as_slice().as_chunks::<2>().0.as_chunks::<2>().0;
+    for (columns, [[l0, l1], [r0, r1]]) in information.as_mut_slice().chunks_exact_mut(2 * PARAMETERS).zip(weights) {
+        let (left, right) = columns.split_at_mut(PARAMETERS);
+        let first = PARAMETERS - rows.len();
+        let (Some(([j0, j1], below)), Some((corner, left)), Some((_, right))) = (
+            rows.split_first(),
+            left.get_mut(first..).and_then(<[T]>::split_first_mut),
+            right.get_mut(first..).and_then(<[T]>::split_first_mut),
+        ) else {
+            return;
+        };
+        *corner += *j0 * *l0 + *j1 * *l1;
+        for ((left, right), [j0, j1]) in left.iter_mut().zip(right).zip(below) {
+            *left += *j0 * *l0 + *j1 * *l1;
+            *right += *j0 * *r0 + *j1 * *r1;
+        }
+        rows = below.get(1..).unwrap_or_default();
+    }
+}
+
+/// `A −= P Cᵀ`, where that is symmetric: its lower triangle.
+fn subtract_product<T: Real>(information: &mut Information<T>, p: &SMatrix<T, PARAMETERS, 3>, c: &SMatrix<T, PARAMETERS, 3>) {
+    // Row by row, so that the numbers of a row lie side by side.
+    let (p, c) = (p.transpose(), c.transpose());
+    let mut rows = p.as_slice().as_chunks::<3>().0;
+    let columns = information.as_mut_slice().chunks_exact_mut(PARAMETERS);
+    for (column, [c0, c1, c2]) in columns.zip(c.as_slice().as_chunks::<3>().0) {
+        let first = PARAMETERS - rows.len();
+        for (entry, [p0, p1, p2]) in column.get_mut(first..).unwrap_or_default().iter_mut().zip(rows) {
+            *entry -= *p0 * *c0 + *p1 * *c1 + *p2 * *c2;
+        }
+        rows = rows.split_first().map_or(&[], |(_, rest)| rest);
+    }
 }
 
 /// Normal equations of one landmark, its own three unknowns apart.
@@ -200,7 +297,26 @@ struct LandmarkEquations<T: Real> {
     cross: SMatrix<T, PARAMETERS, 3>,
 }
 
-impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
+/// Memory for what one landmark's bearings say.
+pub type LandmarkMemory<T> = [T; 9 + 3 + 3 * PARAMETERS];
+
+impl<T: Real> LandmarkEquations<T> {
+    fn save(&self, memory: &mut LandmarkMemory<T>) {
+        let all = self.own.iter().chain(&self.own_gradient).chain(&self.cross);
+        memory.iter_mut().zip(all).for_each(|(place, value)| *place = *value);
+    }
+
+    fn load(memory: &LandmarkMemory<T>) -> Self {
+        let mut values = memory.iter().copied();
+        let mut equations = Self { own: Matrix3::zeros(), own_gradient: Vector3::zeros(), cross: SMatrix::zeros() };
+        equations.own.iter_mut().zip(&mut values).for_each(|(place, value)| *place = value);
+        equations.own_gradient.iter_mut().zip(&mut values).for_each(|(place, value)| *place = value);
+        equations.cross.iter_mut().zip(&mut values).for_each(|(place, value)| *place = value);
+        equations
+    }
+}
+
+impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
     /// Precision of the parameters before any bearing: `[v₀ δg b_a b_g]`.
     fn prior(&self) -> Gradient<T> {
         let precision = |sigma: T| T::one() / (sigma * sigma);
@@ -222,17 +338,19 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         x
     }
 
+    #[inline(never)]
     fn cost(&self, motion: &Motion<T>, landmarks: &[InitLandmark<T>], width: T) -> T {
-        let views = Views::new(motion, self.links, self.body_from_camera);
+        let mut poses = Poses::<T, FRAMES>::empty();
+        poses.fill(motion, self.links, self.body_from_camera);
         let x = Self::from_prior(motion);
         let mut cost = x.component_mul(&x).dot(&self.prior());
         let variance = self.config.sigma_rad() * self.config.sigma_rad();
         let knee = width * width * T::of(4.0);
         for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
-            let Some(anchor) = views.as_slice().get(usize::from(landmark.anchor)) else { continue };
-            for (frame, view) in views.as_slice().iter().enumerate() {
+            let Some(anchor) = poses.as_slice().get(usize::from(landmark.anchor)) else { continue };
+            for (frame, pose) in poses.as_slice().iter().enumerate() {
                 let Some(f) = self.observation(landmark, index, frame) else { continue };
-                let whitened = residual(anchor, view, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
+                let whitened = residual(anchor, pose, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
                     .map_or(T::of(1e4), |(e, ..)| e.norm_squared() / variance);
                 // k log(1 + s/k): the kernel whose weight is `cauchy`.
                 cost += (T::one() + whitened / knee).ln() * knee;
@@ -245,7 +363,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         if landmark.is_rejected(frame) { None } else { self.bearings.bearing(index, frame) }
     }
 
-    /// Adds a landmark's bearings to `information` and `gradient`.
+    /// Adds a landmark's bearings to `information`, its lower triangle, and `gradient`.
     fn accumulate(
         &self,
         views: &[View<T>],
@@ -270,7 +388,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
             if !is_anchor {
                 equations.cross += linear.d_motion.tr_mul(&weighted);
                 if let Some((information, gradient)) = &mut dense {
-                    **information += linear.d_motion.tr_mul(&(linear.d_motion * weight));
+                    add_square(information, &linear.d_motion, &(linear.d_motion * weight));
                     **gradient += linear.d_motion.tr_mul(&(linear.residual * weight));
                 }
             }
@@ -289,7 +407,9 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         inverse.iter().all(|value| value.is_usable()).then_some(inverse)
     }
 
-    /// Information and gradient of the parameters with the landmarks eliminated.
+    /// Information, its lower triangle, and gradient of the parameters with the landmarks eliminated. `memory` keeps the equations
+    /// of as many landmarks as it has places.
+    #[inline(never)]
     fn reduced(
         &self,
         motion: &Motion<T>,
@@ -297,6 +417,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         landmarks: &[InitLandmark<T>],
         width: T,
         damping: T,
+        memory: &mut [LandmarkMemory<T>],
     ) -> (Information<T>, Gradient<T>) {
         let prior = self.prior();
         let mut information = Information::from_diagonal(&prior);
@@ -304,9 +425,12 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
             let (before, gradient_before) = (information, gradient);
             let equations = self.accumulate(views, index, landmark, width, Some((&mut information, &mut gradient)));
+            if let Some(place) = memory.get_mut(index) {
+                equations.save(place);
+            }
             if let Some(inverse) = Self::own_inverse(&equations, damping) {
                 let projected = equations.cross * inverse;
-                information -= projected * equations.cross.transpose();
+                subtract_product(&mut information, &projected, &equations.cross);
                 gradient -= projected * equations.own_gradient;
             } else {
                 (information, gradient) = (before, gradient_before);
@@ -315,10 +439,22 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         (information, gradient)
     }
 
-    fn step_landmarks(&self, views: &[View<T>], landmarks: &mut [InitLandmark<T>], step: &Gradient<T>, width: T, damping: T) {
+    #[inline(never)]
+    fn step_landmarks(
+        &self,
+        views: &[View<T>],
+        landmarks: &mut [InitLandmark<T>],
+        step: &Gradient<T>,
+        width: T,
+        damping: T,
+        memory: &[LandmarkMemory<T>],
+    ) {
         for (index, landmark) in landmarks.iter_mut().enumerate().filter(|(_, landmark)| landmark.is_used) {
             landmark.previous = (landmark.bearing_in_anchor, landmark.inverse_distance_per_m);
-            let equations = self.accumulate(views, index, landmark, width, None);
+            let equations = match memory.get(index) {
+                Some(place) => LandmarkEquations::load(place),
+                None => self.accumulate(views, index, landmark, width, None),
+            };
             let Some(inverse) = Self::own_inverse(&equations, damping) else { continue };
             let own = -(inverse * (equations.own_gradient + equations.cross.tr_mul(step)));
             let moved = landmark.bearing_in_anchor + across(&landmark.bearing_in_anchor) * own.fixed_rows::<2>(0);
@@ -328,7 +464,18 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         }
     }
 
-    /// Levenberg-Marquardt with one kernel; the parameters and whether the gain has died down.
+    /// `information⁻¹ (−gradient)`, the diagonal raised by `damping`.
+    #[inline(never)]
+    fn step(information: &Information<T>, gradient: &Gradient<T>, damping: T) -> Option<Gradient<T>> {
+        let mut damped = *information;
+        for i in 0..PARAMETERS {
+            damped[(i, i)] *= T::one() + damping;
+        }
+        Some(damped.cholesky()?.solve(&-gradient))
+    }
+
+    /// Levenberg-Marquardt with one kernel; the parameters, whether the gain has died down, and the iterations taken.
+    #[inline(never)]
     fn descend(
         &self,
         start: Motion<T>,
@@ -336,18 +483,17 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
         width: T,
         iterations: usize,
         least_gain: T,
-    ) -> Option<(Motion<T>, bool)> {
+        memory: &mut [LandmarkMemory<T>],
+    ) -> Option<(Motion<T>, bool, usize)> {
         let mut motion = start;
         let mut cost = self.cost(&motion, landmarks, width);
         let mut damping = T::of(1e-4);
-        for _ in 0..iterations {
-            let views = Views::new(&motion, self.links, self.body_from_camera);
-            let (mut information, gradient) = self.reduced(&motion, views.as_slice(), landmarks, width, damping);
-            for i in 0..PARAMETERS {
-                information[(i, i)] *= T::one() + damping;
-            }
-            let step = information.cholesky()?.solve(&-gradient);
-            self.step_landmarks(views.as_slice(), landmarks, &step, width, damping);
+        let mut views = Views::<T, FRAMES>::empty();
+        for iteration in 1..=iterations {
+            views.fill(&motion, self.links, self.body_from_camera);
+            let (information, gradient) = self.reduced(&motion, views.as_slice(), landmarks, width, damping, memory);
+            let step = Self::step(&information, &gradient, damping)?;
+            self.step_landmarks(views.as_slice(), landmarks, &step, width, damping, memory);
             let candidate = motion.retract(&step);
             let candidate_cost = self.cost(&candidate, landmarks, width);
             if candidate_cost < cost {
@@ -355,7 +501,7 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
                 (motion, cost) = (candidate, candidate_cost);
                 damping = (damping * T::of(0.1)).max(T::of(1e-6));
                 if gain < least_gain {
-                    return Some((motion, true));
+                    return Some((motion, true, iteration));
                 }
             } else {
                 for landmark in landmarks.iter_mut().filter(|landmark| landmark.is_used) {
@@ -363,40 +509,60 @@ impl<T: Real, B: Bearings<T>> Problem<'_, T, B> {
                 }
                 damping *= T::of(10.0);
                 if damping > T::of(1e3) {
-                    return cost.is_usable().then_some((motion, true));
+                    return cost.is_usable().then_some((motion, true, iteration));
                 }
             }
         }
-        cost.is_usable().then_some((motion, false))
+        cost.is_usable().then_some((motion, false, iterations))
+    }
+
+    /// Covariance of the parameters, but for a factor.
+    #[inline(never)]
+    fn covariance(&self, motion: &Motion<T>, landmarks: &[InitLandmark<T>]) -> Option<Information<T>> {
+        let mut views = Views::<T, FRAMES>::empty();
+        views.fill(motion, self.links, self.body_from_camera);
+        let (information, _) = self.reduced(motion, views.as_slice(), landmarks, T::one(), T::ZERO, &mut []);
+        Some(information.cholesky()?.inverse())
     }
 
     /// Minimises from `start`; `None` when a number is not finite or the equations are singular.
-    pub(super) fn solve(&self, start: Motion<T>, landmarks: &mut [InitLandmark<T>]) -> Option<Refined<T>> {
+    #[inline(never)]
+    pub(super) fn solve(
+        &self,
+        start: Motion<T>,
+        landmarks: &mut [InitLandmark<T>],
+        memory: &mut [LandmarkMemory<T>],
+    ) -> Option<Refined<T>> {
         let mut motion = start;
         let mut is_converged = false;
+        let mut left = self.config.maximum_iterations;
         for (width, iterations, least_gain) in STAGES {
-            (motion, is_converged) = self.descend(motion, landmarks, T::of(width), iterations, T::of(least_gain))?;
+            let taken;
+            (motion, is_converged, taken) =
+                self.descend(motion, landmarks, T::of(width), iterations.min(left), T::of(least_gain), memory)?;
+            left -= taken;
         }
-        let views = Views::new(&motion, self.links, self.body_from_camera);
-        let (median_residual_px, inlier_ratio, observations) = self.judge(views.as_slice(), landmarks)?;
-        let (information, _) = self.reduced(&motion, views.as_slice(), landmarks, T::one(), T::ZERO);
+        let (median_residual_px, inlier_ratio, observations) = self.judge(&motion, landmarks)?;
         // The assumed noise is widened, never narrowed, to what the residuals show (median of a Rayleigh distribution: 1.1774 σ).
         let shown = (median_residual_px / (self.config.sigma_px * T::of(1.1774))).max(T::one());
-        let covariance = information.cholesky()?.inverse() * (shown * shown);
+        let covariance = self.covariance(&motion, landmarks)? * (shown * shown);
         Some(Refined { motion, covariance, median_residual_px, inlier_ratio, observations, is_converged })
     }
 
     /// Median residual, share of inliers and number of observations; marks the outliers.
-    fn judge(&self, views: &[View<T>], landmarks: &mut [InitLandmark<T>]) -> Option<(T, T, usize)> {
+    #[inline(never)]
+    fn judge(&self, motion: &Motion<T>, landmarks: &mut [InitLandmark<T>]) -> Option<(T, T, usize)> {
+        let mut poses = Poses::<T, FRAMES>::empty();
+        poses.fill(motion, self.links, self.body_from_camera);
         let (mut residuals, mut inliers, mut total, mut seen) = (Histogram::new(), 0_u32, 0_u32, 0_u32);
         let limit = self.config.sigma_rad() * T::of(3.5);
         for (index, landmark) in landmarks.iter_mut().enumerate().filter(|(_, landmark)| landmark.is_used) {
-            let Some(anchor) = views.get(usize::from(landmark.anchor)) else { continue };
+            let Some(anchor) = poses.as_slice().get(usize::from(landmark.anchor)) else { continue };
             let mut good = 0;
-            for (frame, view) in views.iter().enumerate() {
+            for (frame, pose) in poses.as_slice().iter().enumerate() {
                 seen += u32::from(self.bearings.bearing(index, frame).is_some());
                 let Some(f) = self.observation(landmark, index, frame) else { continue };
-                let size = residual(anchor, view, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
+                let size = residual(anchor, pose, &landmark.bearing_in_anchor, landmark.inverse_distance_per_m, &f)
                     .map_or(T::one(), |(e, ..)| e.norm());
                 residuals.add(size);
                 total += 1;

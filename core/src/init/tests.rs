@@ -22,7 +22,15 @@ type Started = (Result<Alignment<f64>, InitError<f64>>, Vec<NavState<f64>>, Vec<
 fn start(world: &World, config: &InitConfig<f64>) -> Started {
     let mut landmarks = vec![InitLandmark::default(); world.landmark_count()];
     let mut states = vec![NavState::origin(); world.links.len() + 1];
-    let result = initialise_moving(config, &world.body_from_camera, &world.links, world, &mut landmarks, &mut states);
+    let result = initialise_moving::<MAX_INIT_FRAMES, _, _>(
+        config,
+        &world.body_from_camera,
+        &world.links,
+        world,
+        &mut landmarks,
+        &mut [],
+        &mut states,
+    );
     (result, states, landmarks)
 }
 
@@ -64,15 +72,19 @@ fn residual_jacobians_match_central_differences() {
         // The product of drift and turn, of second order, is left out of the Jacobian.
         drift: Vector3::zeros(),
     };
-    let views = |step: &SVector<f64, PARAMETERS>| Views::new(&motion.retract(step), &world.links, &world.body_from_camera);
+    let views = |step: &SVector<f64, PARAMETERS>| {
+        let mut views = Views::<f64, MAX_INIT_FRAMES>::empty();
+        views.fill(&motion.retract(step), &world.links, &world.body_from_camera);
+        views
+    };
     let base = views(&SVector::zeros());
     let (anchor, frame) = (2, 7);
     let u = Vector3::new(0.2, -0.1, 1.0).normalize();
     let f = Vector3::new(0.1, 0.15, 1.0).normalize();
     let rho = 0.4;
     let linear = linearize(&base.as_slice()[anchor], &base.as_slice()[frame], false, &u, rho, &f).unwrap();
-    let at = |views: &Views<f64>, u: &Vector3<f64>, rho: f64| -> Vector2<f64> {
-        residual(&views.as_slice()[anchor], &views.as_slice()[frame], u, rho, &f).unwrap().0
+    let at = |views: &Views<f64, MAX_INIT_FRAMES>, u: &Vector3<f64>, rho: f64| -> Vector2<f64> {
+        residual(&views.as_slice()[anchor].pose, &views.as_slice()[frame].pose, u, rho, &f).unwrap().0
     };
     let by_motion = numerical_jacobian::<2, PARAMETERS>(1e-5, |d| at(&views(d), &u, rho));
     // The bias enters the deltas to first order; its exponential moves the rotation Jacobian by 1e-3 of itself.
@@ -204,7 +216,16 @@ fn single_precision_agrees_with_double() {
         let mut narrow_states = vec![NavState::<f32>::origin(); world.links.len() + 1];
         let config = InitConfig { sigma_px: 0.5_f32, ..InitConfig::default() };
         let bearings = (world.landmark_count(), |l: usize, f: usize| world.bearing(l, f).map(|b| b.cast::<f32>()));
-        let single = initialise_moving(&config, &world.body_from_camera.cast(), &narrow, &bearings, &mut landmarks, &mut narrow_states);
+        let extrinsics = world.body_from_camera.cast();
+        let single = initialise_moving::<MAX_INIT_FRAMES, _, _>(
+            &config,
+            &extrinsics,
+            &narrow,
+            &bearings,
+            &mut landmarks,
+            &mut [],
+            &mut narrow_states,
+        );
         let (single, double) = (single.unwrap(), double.unwrap());
         let last = states.len() - 1;
         let apart = (narrow_states[last].position_in_world.cast::<f64>() - states[last].position_in_world).norm() / double.distance_m;

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3x2, Vector3};
 
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 /// The bearings of tracks in the frames of the window.
 ///
@@ -44,6 +45,16 @@ pub struct InitLandmark<T: Real> {
     /// Before the step on trial.
     pub(super) previous: (Vector3<T>, T),
 }
+
+blank!([T: Real] InitLandmark<T> {
+    anchor,
+    is_used,
+    bearing_in_anchor,
+    inverse_distance_per_m,
+    sigma_inverse_distance_per_m,
+    rejected_frames,
+    previous,
+});
 
 impl<T: Real> Default for InitLandmark<T> {
     fn default() -> Self {

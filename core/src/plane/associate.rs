@@ -189,6 +189,13 @@ impl<T: Real, const P: usize, const V: usize> PlaneMap<T, P, V> {
         best.map(|(_, id)| id)
     }
 
+    /// Moves a plane along its normal, where what lies on it has drifted.
+    pub fn shift(&mut self, id: PlaneId, by_m: T) {
+        if let Some(known) = self.planes.get_mut(id.0) {
+            known.plane.offset_m += by_m;
+        }
+    }
+
     /// Retires a plane that has shown itself wrong; whether there was one.
     pub fn remove(&mut self, id: PlaneId, mut on_event: impl FnMut(PlaneEvent)) -> bool {
         let removed = self.planes.remove(id.0);

@@ -14,6 +14,7 @@
 //! P. J. Huber, "Robust Estimation of a Location Parameter", 1964; Z. Zhang, "Parameter Estimation Techniques", 1997.
 
 use crate::real::Real;
+use crate::storage::blank::Blank;
 
 /// How much a squared residual is allowed to cost.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,6 +31,10 @@ pub enum Kernel<T: Real> {
         /// `δ²`, dimensionless, positive.
         threshold_squared: T,
     },
+}
+
+impl<T: Real> Blank for Kernel<T> {
+    const BLANK: Self = Self::Quadratic;
 }
 
 impl<T: Real> Kernel<T> {

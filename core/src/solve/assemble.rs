@@ -40,6 +40,9 @@ pub fn cost<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usiz
             let squared = residual.map_or(settings.behind_camera_cost, |residual| residual.norm_squared());
             own += huber.rho(squared);
         }
+        if let Some(residual) = workspace.geometry.plane_residual(landmark) {
+            own += huber.rho(residual * residual);
+        }
         total += own;
     }
     for (pair, i) in window.frames.windows(2).zip(1..) {
@@ -127,6 +130,12 @@ pub fn back_substitute<T: Real, const FRAMES: usize, const PAIRS: usize, const P
                 own.add_row(by_point, &by_point.map(|slope| slope * weight), *value + dot(e, &relative));
             }
         }
+        if let Some(linear) = geometry.linearize_plane(landmark) {
+            let weight = huber.weight(linear.residual * linear.residual);
+            let by_point = &linear.d_residual_d_landmark;
+            let residual = linear.residual + dot(&linear.d_residual_d_anchor, &camera_steps[anchor]);
+            own.add_row(by_point, &by_point.map(|slope| slope * weight), residual);
+        }
         if let Some(factor) = own.factorize(damping) {
             landmark.take_step(&factor.solve(&own.gradient).map(|value| -value));
         } else {
@@ -188,6 +197,22 @@ fn add_landmark<T: Real, const FRAMES: usize, const PAIRS: usize>(
             }
         }
         count += 1;
+    }
+    if let Some(linear) = geometry.linearize_plane(landmark) {
+        let squared = linear.residual * linear.residual;
+        total += huber.rho(squared);
+        let (e, dl) = (&linear.d_residual_d_anchor, &linear.d_residual_d_landmark);
+        let weighted = e.map(|value| value * huber.weight(squared));
+        own.add_row(dl, &dl.map(|slope| slope * huber.weight(squared)), linear.residual);
+        for (i, value) in weighted.iter().enumerate() {
+            for (out, other) in normal.poses[place(anchor, anchor)][i].iter_mut().zip(e) {
+                *out += *value * *other;
+            }
+            visual_gradient[anchor][i] += *value * linear.residual;
+            for (out, slope) in anchor_coupling.iter_mut().zip(dl) {
+                out[i] += *value * *slope;
+            }
+        }
     }
     couplings[0] = (anchor, anchor_coupling);
     let Some(factor) = own.factorize(damping) else { return total };

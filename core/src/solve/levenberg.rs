@@ -4,6 +4,7 @@ use super::workspace::{Settings, Workspace};
 use super::{assemble, back_substitute, chain, cost};
 use crate::factor::prior::Prior;
 use crate::real::Real;
+use crate::storage::blank::blank;
 use crate::storage::blocks::{Block, place};
 use crate::window::Window;
 
@@ -19,6 +20,8 @@ pub struct SolveReport<T> {
     /// Iterations whose step was kept.
     pub accepted: u8,
 }
+
+blank!([T: Real] SolveReport<T> { initial_cost, final_cost, iterations, accepted });
 
 /// Damping at the start and its bounds; Marquardt's, relative to the diagonal.
 const DAMPING_START: f64 = 1e-11;

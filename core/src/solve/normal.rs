@@ -13,6 +13,7 @@
 
 use super::triangle::TILE;
 use crate::real::Real;
+use crate::storage::blank::{Blank, blank};
 use crate::storage::blocks::{Block, place, zero_block};
 
 /// Scalars of a frame's pose.
@@ -32,6 +33,9 @@ pub struct NormalEquations<T: Real, const FRAMES: usize, const PAIRS: usize> {
     tiles: [[[T; TILE]; TILES]; PAIRS],
 }
 
+blank!([T: Real, const FRAMES: usize, const PAIRS: usize] NormalEquations<T, FRAMES, PAIRS> { tiles };
+    90 * PAIRS + 216 * FRAMES <= TILES * TILE * PAIRS, "a window holds 6 frames at least");
+
 /// The blocks by name. Triangles are stored as in [`storage::blocks`](crate::storage::blocks).
 #[derive(Debug)]
 pub struct Parts<'a, T> {
@@ -49,8 +53,7 @@ pub struct Parts<'a, T> {
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for NormalEquations<T, FRAMES, PAIRS> {
     fn default() -> Self {
-        const { assert!(90 * PAIRS + 216 * FRAMES <= TILES * TILE * PAIRS, "a window holds 6 frames at least") };
-        Self { tiles: [[[T::ZERO; TILE]; TILES]; PAIRS] }
+        Self::BLANK
     }
 }
 

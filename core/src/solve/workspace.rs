@@ -5,10 +5,12 @@ use nalgebra::{Isometry3, SMatrix, Vector2, Vector3};
 use super::marginalize::fits as marginalization_fits;
 use super::normal::NormalEquations;
 use crate::factor::imu;
+use crate::factor::point_on_plane::PlaneLinearization;
 use crate::factor::reprojection::{self, CameraMount, PairGeometry, ReprojectionLinearization};
 use crate::imu::{ImuBias, NavState};
 use crate::real::Real;
 use crate::robust::kernel::Kernel;
+use crate::storage::blank::{Blank, blank};
 use crate::storage::blocks::{pairs, place};
 use crate::time::{Span, Timestamp};
 use crate::window::{CameraPose, DepthKnowledge, DepthPrior, DepthSource, Frame, Landmark, NormalizedPoint, Window};
@@ -36,6 +38,18 @@ pub struct Settings<T: Real> {
     pub behind_camera_cost: T,
 }
 
+blank!([T: Real] Settings<T> {
+    gravity_in_world,
+    body_from_camera,
+    mount,
+    kernel,
+    depth_prior,
+    guessed_depth_prior,
+    rest_sigma_m_s,
+    position_jitter_m,
+    behind_camera_cost,
+});
+
 impl<T: Real> Settings<T> {
     /// What is known beforehand of the inverse depth of `landmark`.
     #[inline(always)]
@@ -62,6 +76,10 @@ pub struct Geometry<T: Real, const FRAMES: usize, const PAIRS: usize> {
     pub first_camera_poses: [CameraPose<T>; FRAMES],
 }
 
+blank!([T: Real, const FRAMES: usize, const PAIRS: usize] Geometry<T, FRAMES, PAIRS> {
+    pairs, first_pairs, camera_poses, first_camera_poses,
+});
+
 /// Normal equations and geometry of one window.
 #[derive(Debug)]
 pub struct Workspace<T: Real, const FRAMES: usize, const PAIRS: usize> {
@@ -85,19 +103,14 @@ pub struct Workspace<T: Real, const FRAMES: usize, const PAIRS: usize> {
     pub saved: [NavState<T>; FRAMES],
 }
 
+blank!([T: Real, const FRAMES: usize, const PAIRS: usize] Workspace<T, FRAMES, PAIRS> {
+    normal, gradient, step, visual_gradient, geometry, imu_square_roots, imu_keys, newest_pose_covariance, saved,
+};
+    PAIRS == pairs(FRAMES), "PAIRS must be FRAMES (FRAMES + 1) / 2";
+    marginalization_fits(FRAMES), "marginalisation works in the memory of the normal equations");
+
 /// Names an inertial integral: its end, its length, and the bias it was linearised at.
 type IntegralKey<T> = (Timestamp, Span, ImuBias<T>);
-
-impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for Geometry<T, FRAMES, PAIRS> {
-    fn default() -> Self {
-        Self {
-            pairs: [PairGeometry::default(); PAIRS],
-            first_pairs: [PairGeometry::default(); PAIRS],
-            camera_poses: [CameraPose::default(); FRAMES],
-            first_camera_poses: [CameraPose::default(); FRAMES],
-        }
-    }
-}
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize> Geometry<T, FRAMES, PAIRS> {
     /// Camera poses of all frames at their current states.
@@ -141,6 +154,25 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Geometry<T, FRAMES, PAIRS
         }
     }
 
+    /// How far a landmark is off its plane, whitened, where it has one.
+    #[inline(always)]
+    pub fn plane_residual(&self, landmark: &Landmark<T, FRAMES>) -> Option<T> {
+        if !landmark.plane.is_some() {
+            return None;
+        }
+        landmark.plane.residual(self.camera_poses.get(landmark.anchor())?, &landmark.direction(), landmark.inverse_depth)
+    }
+
+    /// The same, linearised.
+    #[inline(always)]
+    pub fn linearize_plane(&self, landmark: &Landmark<T, FRAMES>) -> Option<PlaneLinearization<T>> {
+        if !landmark.plane.is_some() {
+            return None;
+        }
+        let (camera, first) = (self.camera_poses.get(landmark.anchor())?, self.first_camera_poses.get(landmark.anchor())?);
+        landmark.plane.linearize(camera, first, &landmark.direction(), landmark.inverse_depth)
+    }
+
     /// One observation, linearised.
     #[inline(always)]
     pub fn linearize(
@@ -158,21 +190,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize> Geometry<T, FRAMES, PAIRS
 
 impl<T: Real, const FRAMES: usize, const PAIRS: usize> Default for Workspace<T, FRAMES, PAIRS> {
     fn default() -> Self {
-        const {
-            assert!(PAIRS == pairs(FRAMES), "PAIRS must be FRAMES (FRAMES + 1) / 2");
-            assert!(marginalization_fits(FRAMES), "marginalisation works in the memory of the normal equations");
-        };
-        Self {
-            normal: NormalEquations::default(),
-            gradient: [[T::ZERO; 15]; FRAMES],
-            step: [[T::ZERO; 15]; FRAMES],
-            visual_gradient: [[T::ZERO; 6]; FRAMES],
-            geometry: Geometry::default(),
-            imu_square_roots: [None; FRAMES],
-            imu_keys: [None; FRAMES],
-            newest_pose_covariance: SMatrix::zeros(),
-            saved: [NavState::origin(); FRAMES],
-        }
+        Self::BLANK
     }
 }
 

@@ -4,6 +4,8 @@
 //! ([`Ring::push_evicting`]); nothing else moves, and both take constant time.
 
 use core::iter::Chain;
+
+use super::blank::{Blank, blank};
 use core::slice;
 
 /// At most `N` values, oldest first.
@@ -24,6 +26,8 @@ pub struct Ring<V, const N: usize> {
     first: usize,
     len: usize,
 }
+
+blank!([V: Blank, const N: usize] Ring<V, N> { values, first, len });
 
 impl<V: Copy + Default, const N: usize> Ring<V, N> {
     /// An empty ring.

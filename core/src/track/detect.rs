@@ -12,6 +12,7 @@
 //! One pass over the empty cells; at most `corners.len()` candidates are kept, the best.
 
 use crate::image::Level;
+use crate::storage::blank::blank;
 
 /// Half the width of the summation window, px.
 const RADIUS: usize = 3;
@@ -33,6 +34,8 @@ pub struct Corner {
     /// `det M / tr M`, (grey level/px)².
     pub score: f32,
 }
+
+blank!([] Corner { pixel, score });
 
 /// Where to look for corners and which to take.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -20,6 +20,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord, clippy::needless_range_loop)]
 
 use crate::image::{Level, MAX_LEVELS};
+use crate::storage::blank::{Blank, blank};
 
 /// Columns of the scratch block for patches that reach over the border; patches are smaller by three.
 const BLOCK: usize = 32;
@@ -42,6 +43,10 @@ pub struct FlowConfig {
     /// Largest exposure gain between two images, and inverse of the smallest. Default 2.
     pub max_gain: f32,
 }
+
+blank!([] FlowConfig {
+    window_fall, max_iterations, converged_px, converged_coarse_px, min_eigenvalue, min_correlation, max_gain,
+});
 
 impl FlowConfig {
     /// The defaults.
@@ -86,6 +91,9 @@ pub struct FlowWorkspace<const N: usize> {
     inverse_hessian: [f32; 3],
     block: [[u8; BLOCK]; BLOCK],
 }
+
+blank!([const N: usize] FlowWorkspace<N> { window, template, gradient, inverse_hessian, block };
+    N >= 8 && N.is_multiple_of(4) && N + 4 <= BLOCK, "the patch is 8, 12, ... 28 samples wide");
 
 impl<const N: usize> Default for FlowWorkspace<N> {
     fn default() -> Self {
@@ -152,15 +160,19 @@ impl<const N: usize> FlowWorkspace<N> {
     /// Scratch memory with the window `w(x, y) = v(x) v(y)`, `v(u) = 1 − window_fall u²`, `u` = ±1 at the borders of the patch.
     #[must_use]
     pub const fn new(window_fall: f32) -> Self {
-        const { assert!(N >= 8 && N.is_multiple_of(4) && N + 4 <= BLOCK, "the patch is 8, 12, ... 28 samples wide") }
-        let mut window = [0.0; N];
+        let mut workspace = Self::BLANK;
+        workspace.set_window(window_fall);
+        workspace
+    }
+
+    /// Chooses another window.
+    pub(super) const fn set_window(&mut self, window_fall: f32) {
         let mut k = 0;
         while k < N {
             let u = (k as f32 - half_width::<N>()) / (half_width::<N>() + 0.5);
-            window[k] = 1.0 - window_fall * u * u;
+            self.window[k] = 1.0 - window_fall * u * u;
             k += 1;
         }
-        Self { window, template: [[0.0; N]; N], gradient: [[[0.0; N]; N]; 2], inverse_hessian: [0.0; 3], block: [[0; BLOCK]; BLOCK] }
     }
 
     /// Reads the template centred at `center` (px of this level). False when it is outside or flat.

@@ -10,6 +10,7 @@ use super::two_view::{BearingPair, TwoView, TwoViewConfig, reject_outliers};
 use crate::camera::Camera;
 use crate::image::{ImageView, MAX_LEVELS, PyramidError, PyramidPair};
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 /// How corners are found, followed and rejected. The defaults are for 752×480; see [`Self::for_image`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,6 +43,22 @@ pub struct FrontEndConfig {
     /// The same when no rotation is given, rad. Default 0.05.
     pub unknown_rotation_sigma_rad: f32,
 }
+
+blank!([] FrontEndConfig {
+    target_tracks,
+    detect_below_share,
+    min_distance_px,
+    cell_px,
+    levels,
+    min_score,
+    min_relative_score,
+    flow,
+    backward_levels,
+    max_backward_px,
+    two_view,
+    rotation_sigma_rad,
+    unknown_rotation_sigma_rad,
+});
 
 impl FrontEndConfig {
     /// The defaults.
@@ -101,6 +118,8 @@ pub struct FrontEnd<const TRACKS: usize, const PATCH: usize = 16> {
     corners: [Corner; TRACKS],
 }
 
+blank!([const TRACKS: usize, const PATCH: usize] FrontEnd<TRACKS, PATCH> { config, table, flow, pairs, corners });
+
 impl<const TRACKS: usize, const PATCH: usize> FrontEnd<TRACKS, PATCH> {
     /// A front end without tracks; fit for a `static`.
     #[must_use]
@@ -113,6 +132,13 @@ impl<const TRACKS: usize, const PATCH: usize> FrontEnd<TRACKS, PATCH> {
             pairs: [BearingPair::EMPTY; TRACKS],
             corners: [Corner { pixel: [0.0; 2], score: 0.0 }; TRACKS],
         }
+    }
+
+    /// Starts over with another configuration.
+    pub(crate) fn configure(&mut self, config: FrontEndConfig) {
+        self.config = config;
+        self.table = TrackTable::new();
+        self.flow.set_window(config.flow.window_fall);
     }
 
     /// The configuration.

@@ -4,6 +4,7 @@ use nalgebra::Vector2;
 
 use super::observation::{Observation, TrackId};
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 /// One corner being followed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,6 +19,8 @@ pub struct Track {
     pub age: u32,
 }
 
+blank!([] Track { id, pixel, previous, age });
+
 impl Track {
     const EMPTY: Self = Self { id: TrackId(0), pixel: [0.0; 2], previous: [0.0; 2], age: 0 };
 }
@@ -29,6 +32,8 @@ pub struct TrackTable<const TRACKS: usize> {
     len: usize,
     next_id: u32,
 }
+
+blank!([const TRACKS: usize] TrackTable<TRACKS> { tracks, len, next_id });
 
 impl<const TRACKS: usize> Default for TrackTable<TRACKS> {
     fn default() -> Self {

@@ -27,6 +27,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::lie::so3;
+use crate::storage::blank::blank;
 
 /// What a static point may deviate by.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,6 +41,8 @@ pub struct TwoViewConfig {
     /// Smallest share of inliers that is believed; below it nothing is rejected. Default 0.4.
     pub min_inlier_share: f32,
 }
+
+blank!([] TwoViewConfig { threshold_px, max_samples, seed, min_inlier_share });
 
 impl TwoViewConfig {
     /// The defaults.
@@ -62,6 +65,8 @@ pub struct BearingPair {
     /// Written by [`reject_outliers`].
     pub is_inlier: bool,
 }
+
+blank!([] BearingPair { rotated, current, is_inlier });
 
 impl Default for BearingPair {
     fn default() -> Self {

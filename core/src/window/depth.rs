@@ -1,6 +1,7 @@
 //! What is known of a landmark's depth beside its corners.
 
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 /// What is known of an inverse depth before anything is seen: normally distributed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -10,6 +11,8 @@ pub struct DepthPrior<T> {
     /// One over the standard deviation, m.
     pub inverse_sigma: T,
 }
+
+blank!([T: Real] DepthPrior<T> { mean, inverse_sigma });
 
 impl<T: Real> DepthPrior<T> {
     /// From mean and standard deviation, 1/m.

@@ -13,6 +13,7 @@
 
 use super::NormalizedPoint;
 use crate::real::Real;
+use crate::storage::blank::blank;
 use crate::time::Timestamp;
 
 /// Corners that are needed to tell.
@@ -32,6 +33,8 @@ pub struct CommonFlow<T> {
     along: T,
     across: T,
 }
+
+blank!([T: Real] CommonFlow<T> { reach, beyond, count, position, squared, displacement, along, across });
 
 impl<T: Real> CommonFlow<T> {
     /// Corners that moved by `reach` or more, in the units of the points, are only counted.
@@ -94,6 +97,8 @@ pub struct Stillness<T> {
     since: Option<Timestamp>,
     moved: [T; 4],
 }
+
+blank!([T: Real] Stillness<T> { since, moved });
 
 impl<T: Real> Stillness<T> {
     /// Takes in how the image of `stamp` differs from the one before. The image counts as still while the sum since then is below `limit`, in

@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 
 use crate::imu::NavState;
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 /// `T_WC` as rotation matrix and centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -13,6 +14,8 @@ pub struct CameraPose<T: Real> {
     /// `p_WC`, m.
     pub center_in_world: Vector3<T>,
 }
+
+blank!([T: Real] CameraPose<T> { world_from_camera, center_in_world });
 
 impl<T: Real> Default for CameraPose<T> {
     fn default() -> Self {

@@ -10,6 +10,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::{CameraPose, DepthKnowledge, DepthPrior, DepthSource, GivenDepth};
+use crate::factor::point_on_plane::PlaneTerm;
 use crate::real::Real;
 use crate::track::TrackId;
 
@@ -41,6 +42,8 @@ pub struct Landmark<T: Real, const FRAMES: usize> {
     pub bearing: [T; 2],
     /// What a depth map says of `λ`, where [`DepthSource::Given`].
     pub given: GivenDepth<T>,
+    /// The plane that it lies on, where it does.
+    pub plane: PlaneTerm<T>,
     /// `(x, y, λ)` before the last step of the solver, to go back to.
     saved: [T; 3],
     anchor: u8,
@@ -61,6 +64,7 @@ impl<T: Real, const FRAMES: usize> Landmark<T, FRAMES> {
             saved: [T::ZERO; 3],
             bearing: [point.x, point.y],
             given: GivenDepth::default(),
+            plane: PlaneTerm::NONE,
             #[allow(clippy::cast_possible_truncation)] // a window holds at most 32 frames
             anchor: frame as u8,
             observed: 0,

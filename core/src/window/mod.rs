@@ -19,6 +19,7 @@ use nalgebra::Vector3;
 
 use crate::imu::NavState;
 use crate::real::Real;
+use crate::storage::blank::{Blank, blank};
 use crate::track::TrackId;
 
 /// Frames from the oldest to the newest, and landmarks in no particular order.
@@ -33,10 +34,12 @@ pub struct Window<T: Real, const FRAMES: usize, const POINTS: usize> {
     pub landmarks: Vec<Landmark<T, FRAMES>, POINTS>,
 }
 
+blank!([T: Real, const FRAMES: usize, const POINTS: usize] Window<T, FRAMES, POINTS> { origin_in_world, frames, landmarks };
+    FRAMES >= 4 && FRAMES <= 32, "a window holds 4 to 32 frames");
+
 impl<T: Real, const FRAMES: usize, const POINTS: usize> Default for Window<T, FRAMES, POINTS> {
     fn default() -> Self {
-        const { assert!(FRAMES >= 4 && FRAMES <= 32, "a window holds 4 to 32 frames") };
-        Self { origin_in_world: Vector3::zeros(), frames: Vec::new(), landmarks: Vec::new() }
+        Self::BLANK
     }
 }
 
@@ -62,6 +65,9 @@ impl<T: Real, const FRAMES: usize, const POINTS: usize> Window<T, FRAMES, POINTS
             if let Some(first) = &mut frame.linearization {
                 first.position_in_world -= step;
             }
+        }
+        for plane in self.landmarks.iter_mut().map(|landmark| &mut landmark.plane) {
+            plane.offset_m += Vector3::from(plane.normal_in_world).dot(&step);
         }
     }
 

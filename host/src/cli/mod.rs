@@ -3,6 +3,7 @@
 mod check;
 mod config;
 mod demo;
+mod depth;
 mod evaluate;
 mod rooms;
 mod run;
@@ -39,6 +40,8 @@ enum Command {
     Rooms(rooms::Arguments),
     /// Compares a trajectory with the truth (TUM or EuRoC files).
     Evaluate(evaluate::Arguments),
+    /// Draws what a network says of one image: depth and uncertainty beside it.
+    Depth(depth::Arguments),
     /// Prints the default configuration with the unit of every key.
     Config,
 }
@@ -66,6 +69,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Rooms(arguments) => rooms::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Depth(arguments) => depth::run(&arguments),
         Command::Config => config::run(),
     };
     match done {

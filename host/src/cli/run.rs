@@ -9,8 +9,10 @@ use libella_core::estimator::{Health, Waiting};
 use libella_host::config::{Config, Scalar};
 use libella_host::dataset::{self, Recording};
 use libella_host::eval::{Evaluation, evaluate};
-use libella_host::fault::Fault;
-use libella_host::pipeline::{self, Ended, Figure, Report, Run};
+use libella_host::fault::{Fault, FaultKind};
+use libella_host::network::{DepthNetwork, ModelChoice, Spoil, Spoiled};
+use libella_host::pipeline::{self, DepthFigures, Ended, Figure, Report, Run};
+use libella_host::planes;
 
 use super::{Exit, say};
 
@@ -27,12 +29,36 @@ pub(crate) struct Arguments {
     /// Number type of the estimator, `f64` or `f32`; overrides the configuration.
     #[arg(long, value_parser = parse_scalar)]
     scalar: Option<Scalar>,
+    /// Planes: `off`, `find` them, or `use` them in the estimator as well; overrides the configuration.
+    #[arg(long, value_name = "MODE")]
+    planes: Option<PlanesMode>,
+    /// What gives depth beside the images: none, indoor (part of this program), euroc (for non-commercial use), an ONNX file with its
+    /// .toml, recorded (maps of the recording) or recorded:FOLDER; overrides the configuration.
+    #[arg(long, visible_alias = "model", value_name = "SOURCE")]
+    depth: Option<String>,
+    /// Images a second that get a depth, at most; a rate above the camera's gives it to every image. Overrides the configuration.
+    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
+    depth_rate: Option<f64>,
+    /// Spoils the depth to see that it does no harm: noise, doubled, constant, inverted, nan, random, frozen.
+    #[arg(long, value_name = "HOW")]
+    spoil_depth: Option<Spoil>,
     /// Seed of everything random; overrides the configuration.
     #[arg(long)]
     seed: Option<u64>,
     /// Prints nothing but errors.
     #[arg(long, short)]
     quiet: bool,
+}
+
+/// What is done about planes.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum PlanesMode {
+    /// Nothing.
+    Off,
+    /// They are found and shown.
+    Find,
+    /// Landmarks are drawn to them besides.
+    Use,
 }
 
 /// So many images on which vision and inertial samples disagree are no accident: a second of most recordings.
@@ -50,7 +76,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let mut config = arguments.config.as_deref().map_or_else(|| Ok(Config::default()), Config::read)?;
     config.scalar = arguments.scalar.unwrap_or(config.scalar);
     config.seed = arguments.seed.unwrap_or(config.seed);
+    if let Some(mode) = arguments.planes {
+        config.planes.find = !matches!(mode, PlanesMode::Off);
+        config.planes.used = matches!(mode, PlanesMode::Use);
+    }
+    config.depth.source = arguments.depth.clone().unwrap_or(config.depth.source);
+    config.depth.rate_hz = arguments.depth_rate.unwrap_or(config.depth.rate_hz);
+    config.check()?;
     let recording = dataset::open(&arguments.dataset, &config.dataset)?;
+    let network = network(arguments, &config, &recording)?;
     let folder = arguments.out.clone().unwrap_or_else(|| Path::new("out").join(&recording.name));
     if !arguments.quiet {
         for remark in &recording.remarks {
@@ -62,7 +96,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let stop = stop_on_interrupt();
     let bar = progress(recording.frames.len(), arguments.quiet);
     let mut contradictions = 0;
-    let run = pipeline::run(&recording, &config, &stop, |frame| {
+    let run = pipeline::run_with_depth(&recording, &config, network, &stop, |frame| {
         contradictions += usize::from(frame.health == Health::Initialising(Waiting::Agreement));
         if contradictions == CONTRADICTIONS && !arguments.quiet {
             contradictions += 1;
@@ -88,6 +122,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         evaluation: evaluation.as_ref(),
     };
     pipeline::draw(&folder, &figure)?;
+    if let Some(found) = &run.planes {
+        planes::write(&folder, found)?;
+        pipeline::draw_planes(&folder, &figure, found)?;
+    }
     if !arguments.quiet {
         say(&describe(&recording, &report, evaluation.as_ref(), &folder));
     }
@@ -96,6 +134,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         eprintln!("libella: `libella check {}` looks for the cause", arguments.dataset.display());
     }
     Ok(exit)
+}
+
+/// What gives depth, ready for the images of the recording.
+fn network(arguments: &Arguments, config: &Config, recording: &Recording) -> Result<Option<Box<dyn DepthNetwork>>, Fault> {
+    let Ok(choice) = config.depth.source.parse::<ModelChoice>();
+    let network = choice.open(&recording.rig.camera, Some(&arguments.dataset))?;
+    match (network, arguments.spoil_depth) {
+        (network, None) => Ok(network),
+        (Some(network), Some(spoil)) => Ok(Some(Box::new(Spoiled::new(network, spoil, config.seed)))),
+        (None, Some(_)) => Err(Fault::new(FaultKind::Configuration, "--spoil-depth without depth", "give --depth as well")),
+    }
 }
 
 /// The first Ctrl-C ends the run and lets the results be written; the second ends the program.
@@ -176,14 +225,51 @@ pub(super) fn describe(recording: &Recording, report: &Report, evaluation: Optio
             total.median, total.p95, total.max
         ));
     }
+    if let Some(planes) = &report.planes {
+        let classes: Vec<_> = planes.by_class.iter().map(|(class, count)| format!("{count} {class}")).collect();
+        let classes = if classes.is_empty() { "none".into() } else { classes.join(", ") };
+        let share = planes.share_on_planes.map(|share| format!("; {:.0} % of the landmarks lay on one", 100.0 * share)).unwrap_or_default();
+        lines.push(format!("planes          {classes}, among {} points{share}", planes.points));
+    }
     let memory = report.rss_peak_mb.map(|peak| format!(", {peak:.0} MB at most")).unwrap_or_default();
     lines.push(format!("run             {:.2} s wall, {:.0} images/s{memory}", report.wall_s, report.images_per_s));
+    lines.extend(report.depth.as_ref().map(describe_depth));
     for (name, left_out) in [("images", &report.images_left_out), ("inertial samples", &report.imu_left_out)] {
         if let Some(reason) = &left_out.first {
             lines.push(format!("left out        {} {name}, first: {reason}", left_out.count));
         }
     }
     lines.push(format!("results         {}\n", folder.display()));
+    lines.join("\n")
+}
+
+fn describe_depth(depth: &DepthFigures) -> String {
+    let mut lines = vec![format!("depth           {}", depth.source)];
+    if let (Some(network), Some(wait)) = (&depth.network_ms, &depth.wait_ms) {
+        lines.push(format!(
+            "network         {:.1} ms per map (median), {:.1} p95, {:.1} max; the estimator waited {:.1} ms for it, {:.1} p95",
+            network.median, network.p95, network.max, wait.median, wait.p95
+        ));
+    }
+    let mut maps = vec![format!("{} of {} believed", depth.believed, depth.images)];
+    for (count, what) in [
+        (depth.rejected_other_scale, "rejected: not of the scale known so far"),
+        (depth.rejected_no_depth, "rejected: no depth of this image"),
+        (depth.empty, "gave nothing a depth"),
+    ] {
+        maps.extend((count > 0).then(|| format!("{count} {what}")));
+    }
+    if let Some(reason) = &depth.failed.first {
+        maps.push(format!("{} absent, first: {reason}", depth.failed.count));
+    }
+    lines.push(format!("depth maps      {}", maps.join("; ")));
+    if let Some(scale) = &depth.scale {
+        lines.push(format!(
+            "depth scale     {:.3} at first, {:.3} at last, {:.3} to {:.3} in between",
+            scale.first, scale.last, scale.min, scale.max
+        ));
+    }
+    lines.extend(depth.observation_share.map(|share| format!("depth priors    {:.0} % of the landmarks seen", 100.0 * share)));
     lines.join("\n")
 }
 

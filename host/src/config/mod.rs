@@ -1,8 +1,14 @@
 //! Every number that may be tuned, as one file whose unknown keys are refused.
 
+mod depth;
+mod planes;
+
+pub use depth::{DepthSection, DepthUseSection, Weighting};
+pub use planes::PlanesSection;
+
 use std::path::Path;
 
-use libella_core::estimator::{DepthConfig, EstimatorConfig, FirstSigma, StepBudget};
+use libella_core::estimator::{EstimatorConfig, FirstSigma, StepBudget};
 use libella_core::imu::ImuNoise;
 use libella_core::real::Real;
 use serde::{Deserialize, Serialize};
@@ -33,10 +39,14 @@ pub struct Config {
     pub scalar: Scalar,
     /// The estimator.
     pub estimator: EstimatorSection,
+    /// Depth beside the images.
+    pub depth: DepthSection,
     /// Reading of recordings.
     pub dataset: DatasetSection,
     /// Comparison with the truth.
     pub evaluation: EvaluationSection,
+    /// Planes among the points of the map.
+    pub planes: PlanesSection,
 }
 
 /// Numbers of the estimator, see [`EstimatorConfig`]; the defaults are those of the core.
@@ -94,6 +104,8 @@ pub struct EstimatorSection {
     pub initialisation_scale_sigma: f64,
     /// Uncertainty of the first state.
     pub first_sigma: FirstSigmaSection,
+    /// How much depth counts.
+    pub depth: DepthUseSection,
 }
 
 /// Standard deviations of the first state.
@@ -140,8 +152,10 @@ impl Default for Config {
             seed: 0,
             scalar: Scalar::F64,
             estimator: EstimatorSection::default(),
+            depth: DepthSection::default(),
             dataset: DatasetSection::default(),
             evaluation: EvaluationSection::default(),
+            planes: PlanesSection::default(),
         }
     }
 }
@@ -175,6 +189,7 @@ impl Default for EstimatorSection {
             initialisation_spacing_s: core.initialisation_spacing_s,
             initialisation_scale_sigma: core.initialisation_scale_sigma,
             first_sigma: FirstSigmaSection::default(),
+            depth: DepthUseSection::default(),
         }
     }
 }
@@ -256,6 +271,7 @@ impl Config {
             ("estimator.first_sigma.velocity_m_s", first.velocity_m_s),
             ("estimator.first_sigma.gyro_bias_rad_s", first.gyro_bias_rad_s),
             ("estimator.first_sigma.accel_bias_m_s2", first.accel_bias_m_s2),
+            ("depth.rate_hz", self.depth.rate_hz),
             ("dataset.max_imu_gap_ms", self.dataset.max_imu_gap_ms),
             ("dataset.max_image_gap_ms", self.dataset.max_image_gap_ms),
             ("evaluation.max_truth_gap_s", self.evaluation.max_truth_gap_s),
@@ -265,14 +281,27 @@ impl Config {
             ("estimator.iterations", f64::from(self.estimator.iterations)),
             ("dataset.images_ahead", self.dataset.images_ahead.min(1_000) as f64),
         ];
-        for (key, value) in positive.into_iter().chain(distances).chain(counts) {
+        for (key, value) in
+            positive.into_iter().chain(estimator.depth.positive()).chain(distances).chain(counts).chain(self.planes.positive())
+        {
             if !(value.is_finite() && value > 0.0) {
                 return Err(Fault::new(FaultKind::Configuration, format!("`{key}` is {value}"), "give a positive number"));
             }
         }
+        if estimator.depth.right_view_alpha > 1.0 {
+            let what = format!("`estimator.depth.right_view_alpha` is {}", estimator.depth.right_view_alpha);
+            return Err(Fault::new(FaultKind::Configuration, what, "give a share, above 0 and up to 1"));
+        }
         if self.dataset.images_ahead > 1_000 {
             let what = format!("`dataset.images_ahead` is {}", self.dataset.images_ahead);
             return Err(Fault::new(FaultKind::Configuration, what, "1 to 1000: each image ahead is held in memory"));
+        }
+        if !(0.0..=1.0).contains(&self.planes.follow) {
+            return Err(Fault::new(
+                FaultKind::Configuration,
+                format!("`planes.follow` is {}", self.planes.follow),
+                "give a share of 0 to 1",
+            ));
         }
         Ok(())
     }
@@ -311,7 +340,8 @@ impl Config {
             longest_initialisation_s: T::of(estimator.longest_initialisation_s),
             initialisation_spacing_s: T::of(estimator.initialisation_spacing_s),
             initialisation_scale_sigma: T::of(estimator.initialisation_scale_sigma),
-            depth: DepthConfig::default(),
+            depth: estimator.depth.core(),
+            planes: self.planes.for_core(),
             first_sigma: FirstSigma {
                 tilt_rad: T::of(first.tilt_rad),
                 velocity_m_s: T::of(first.velocity_m_s),
@@ -369,7 +399,14 @@ mod tests {
 
     #[test]
     fn values_out_of_range_are_refused() {
-        for text in ["[estimator]\nsigma_px = -1.0", "[estimator]\ngravity_m_s2 = nan", "[dataset]\nimages_ahead = 0"] {
+        for text in [
+            "[estimator]\nsigma_px = -1.0",
+            "[estimator]\ngravity_m_s2 = nan",
+            "[dataset]\nimages_ahead = 0",
+            "[depth]\nrate_hz = 0",
+            "[estimator.depth]\nright_view_alpha = 1.1",
+            "[estimator.depth]\nweighting = \"any\"",
+        ] {
             assert_eq!(Config::parse(text).unwrap_err().kind, FaultKind::Configuration, "{text}");
         }
     }

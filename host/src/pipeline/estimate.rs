@@ -12,13 +12,17 @@ use libella_core::profile::Desktop;
 use libella_core::real::Real;
 use libella_core::time::Timestamp;
 use libella_core::track::Observation;
+use libella_core::window::DepthSource;
 use nalgebra::{Isometry3, Quaternion, SMatrix, Translation3, UnitQuaternion, Vector3};
 
+use super::depth::{self, DepthResult, DepthTimes, DepthUse, EventsWithDepth, Told};
 use super::view::{self, View};
 use crate::config::{Config, Scalar};
-use crate::dataset::{Event, Recording};
+use crate::dataset::{Event, Frames, Recording};
 use crate::eval::{StampedPose, Trajectory};
 use crate::fault::{Fault, FaultKind};
+use crate::network::DepthNetwork;
+use crate::planes::{PlaneFinder, Planes};
 
 /// Room for the pyramids of images up to about 1.5 megapixels; pages that are never touched cost nothing.
 const PYRAMID_BYTES: usize = 2 << 20;
@@ -63,6 +67,10 @@ pub struct FrameResult {
     pub pose: Option<PoseResult>,
     /// Inertial samples refused since the image before, and the first reason.
     pub refused_imu: Refusals,
+    /// What became of its depth, where it was to have one.
+    pub depth: Option<DepthResult>,
+    /// Share of the landmarks seen whose depth prior comes from a map, afterwards; in runs with depth only.
+    pub depth_share: Option<f64>,
 }
 
 /// Inputs that the estimator did not take.
@@ -100,8 +108,12 @@ pub struct Run {
     pub frames: Vec<FrameResult>,
     /// How it ended.
     pub ended: Ended,
+    /// The planes and points, where they were sought.
+    pub planes: Option<Planes>,
     /// Wall time, s.
     pub wall_s: f64,
+    /// What gave depth, where something did.
+    pub depth_source: Option<String>,
 }
 
 impl Run {
@@ -123,7 +135,24 @@ impl Run {
 /// # Errors
 /// When no thread can be started. Faults of single inputs are in the results instead.
 pub fn run(recording: &Recording, config: &Config, stop: &AtomicBool, mut observe: impl FnMut(&FrameResult)) -> Result<Run, Fault> {
-    run_to(recording, config, stop, false, |frame, _| observe(frame))
+    run_to(recording, config, stop, None, false, |frame, _| observe(frame))
+}
+
+/// [`run`] with a source of depth, which works in a thread of its own ahead of the estimator. The results do not depend on how fast it is.
+///
+/// # Errors
+/// As [`run`], and for a source or a recording that cannot be used for it.
+pub fn run_with_depth(
+    recording: &Recording,
+    config: &Config,
+    network: Option<Box<dyn DepthNetwork>>,
+    stop: &AtomicBool,
+    mut observe: impl FnMut(&FrameResult),
+) -> Result<Run, Fault> {
+    if let Some(network) = &network {
+        depth::check(network.as_ref(), !matches!(recording.frames, Frames::Tracks(_)))?;
+    }
+    run_to(recording, config, stop, network, false, |frame, _| observe(frame))
 }
 
 /// [`run`] for somebody who also wants to see what the estimator saw in each image that it took.
@@ -136,23 +165,25 @@ pub fn run_watched(
     stop: &AtomicBool,
     observe: impl FnMut(&FrameResult, Option<View>),
 ) -> Result<Run, Fault> {
-    run_to(recording, config, stop, true, observe)
+    run_to(recording, config, stop, None, true, observe)
 }
 
 fn run_to(
     recording: &Recording,
     config: &Config,
     stop: &AtomicBool,
+    network: Option<Box<dyn DepthNetwork>>,
     watched: bool,
     mut observe: impl FnMut(&FrameResult, Option<View>),
 ) -> Result<Run, Fault> {
     let begun = Instant::now();
+    let depth_source = network.as_ref().map(DepthNetwork::describe);
     let (sender, receiver) = channel();
     let mut frames = Vec::with_capacity(recording.frames.len());
-    let ended = std::thread::scope(|scope| {
+    let (ended, planes) = std::thread::scope(|scope| {
         let work = move || match config.scalar {
-            Scalar::F64 => work::<f64>(recording, config, stop, watched, &sender),
-            Scalar::F32 => work::<f32>(recording, config, stop, watched, &sender),
+            Scalar::F64 => work::<f64>(recording, config, stop, network, watched, &sender),
+            Scalar::F32 => work::<f32>(recording, config, stop, network, watched, &sender),
         };
         let thread = std::thread::Builder::new()
             .name("estimator".into())
@@ -166,12 +197,12 @@ fn run_to(
             frames.push(frame);
         }
         match thread.join() {
-            Ok(Ok(Ok(ended))) => Ok(ended),
+            Ok(Ok(Ok(finished))) => Ok(finished),
             Ok(Ok(Err(fault))) => Err(fault),
-            Ok(Err(payload)) | Err(payload) => Ok(Ended::Failed(said(payload.as_ref()))),
+            Ok(Err(payload)) | Err(payload) => Ok((Ended::Failed(said(payload.as_ref())), None)),
         }
     })?;
-    Ok(Run { frames, ended, wall_s: begun.elapsed().as_secs_f64() })
+    Ok(Run { frames, ended, planes, wall_s: begun.elapsed().as_secs_f64(), depth_source })
 }
 
 fn said(payload: &(dyn std::any::Any + Send)) -> String {
@@ -184,6 +215,8 @@ struct Worker<'a, T: Real> {
     estimator: Box<Desktop<T>>,
     pyramids: Box<PyramidPair<PYRAMID_BYTES>>,
     config: &'a Config,
+    finder: Option<PlaneFinder>,
+    has_depth: bool,
     imu_ms: f64,
     refused_imu: Refusals,
 }
@@ -192,19 +225,23 @@ fn work<T: Real>(
     recording: &Recording,
     config: &Config,
     stop: &AtomicBool,
+    network: Option<Box<dyn DepthNetwork>>,
     watched: bool,
     sender: &Sender<(FrameResult, Option<View>)>,
-) -> Result<Ended, Fault> {
+) -> Result<(Ended, Option<Planes>), Fault> {
     let rig = &recording.rig;
     let settings = config.estimator_config::<T>(&rig.imu_noise);
     let mut worker = Worker {
         estimator: Box::new(Desktop::<T>::new(settings, rig.camera_as(), rig.body_from_camera_as())),
         pyramids: Box::default(),
         config,
+        finder: config.planes.finder().map(PlaneFinder::new).transpose()?,
+        has_depth: network.is_some(),
         imu_ms: 0.0,
         refused_imu: Refusals::default(),
     };
-    for event in recording.events(config.dataset.images_ahead)? {
+    let ahead = config.dataset.images_ahead;
+    for (event, told) in EventsWithDepth::new(recording.events(ahead)?, network, &config.depth, ahead)? {
         let mut pixels = None;
         let result = match event {
             Event::Imu(sample) => {
@@ -214,7 +251,7 @@ fn work<T: Real>(
             Event::Image { stamp, image: Err(fault) } => worker.leave_out(stamp, fault.to_string()),
             Event::Image { stamp, image: Ok(image) } => match image.view() {
                 Ok(view) => {
-                    let result = worker.take_frame(stamp, |estimator, pyramids| estimator.push_image(stamp, &view, pyramids));
+                    let result = worker.take_frame(stamp, told, |estimator, pyramids| estimator.push_image(stamp, &view, pyramids));
                     pixels = Some(image);
                     result
                 }
@@ -223,15 +260,15 @@ fn work<T: Real>(
             Event::Tracks(frame) => {
                 let observations: Vec<_> =
                     frame.observations.iter().map(|seen| Observation { track: seen.track, pixel: seen.pixel.map(T::of) }).collect();
-                worker.take_frame(frame.stamp, |estimator, _| estimator.push_tracks(frame.stamp, &observations))
+                worker.take_frame(frame.stamp, None, |estimator, _| estimator.push_tracks(frame.stamp, &observations))
             }
         };
         let view = (watched && result.outcome.is_some()).then(|| view::of(&worker.estimator, rig, result.stamp, pixels));
         if sender.send((result, view)).is_err() || stop.load(Ordering::Relaxed) {
-            return Ok(Ended::Interrupted);
+            return Ok((Ended::Interrupted, worker.finder.map(PlaneFinder::finish)));
         }
     }
-    Ok(Ended::Complete)
+    Ok((Ended::Complete, worker.finder.map(PlaneFinder::finish)))
 }
 
 impl<T: Real> Worker<'_, T> {
@@ -248,6 +285,7 @@ impl<T: Real> Worker<'_, T> {
     fn take_frame(
         &mut self,
         stamp: Timestamp,
+        told: Option<Told>,
         push: impl FnOnce(&mut Desktop<T>, &mut PyramidPair<PYRAMID_BYTES>) -> Result<(), InputError>,
     ) -> FrameResult {
         let begun = Instant::now();
@@ -256,10 +294,49 @@ impl<T: Real> Worker<'_, T> {
         if let Err(error) = pushed {
             return FrameResult { track_ms, ..self.leave_out(stamp, error.to_string()) };
         }
+        let depth = told.map(|told| self.take_depth(stamp, told));
         let begun = Instant::now();
         let outcome = self.estimator.step(self.config.budget());
         let solve_ms = milliseconds_since(begun);
-        FrameResult { outcome: Some(outcome), track_ms, solve_ms, pose: self.pose_at(stamp), ..self.blank(stamp) }
+        if let Some(finder) = &mut self.finder {
+            match outcome {
+                FrameOutcome::Tracked | FrameOutcome::NewKeyframe => finder.look(&mut self.estimator, stamp),
+                FrameOutcome::Initialised | FrameOutcome::Lost => finder.forget(),
+                _ => {}
+            }
+        }
+        let did = self.estimator.report().depth.map(|did| DepthUse {
+            given: did.given,
+            scale: did.scale.as_f64(),
+            sigma_log_scale: did.sigma_log_scale.as_f64(),
+            verdict: did.verdict,
+        });
+        let depth = depth.map(|(times, pushed)| DepthResult {
+            times,
+            used: pushed.and_then(|()| did.ok_or_else(|| "the image was not worked on".into())),
+        });
+        let depth_share = self.has_depth.then(|| self.depth_share()).flatten();
+        FrameResult { outcome: Some(outcome), track_ms, solve_ms, pose: self.pose_at(stamp), depth, depth_share, ..self.blank(stamp) }
+    }
+
+    /// Hands a map to the estimator; what it did with it, its next step says.
+    fn take_depth(&mut self, stamp: Timestamp, told: Told) -> (DepthTimes, Result<(), String>) {
+        let begun = Instant::now();
+        let pushed = told.map.and_then(|map| {
+            let map = depth::view(&map).map_err(|error| error.to_string())?;
+            self.estimator.push_depth(stamp, &map).map_err(|error| error.to_string())
+        });
+        (DepthTimes { push_ms: milliseconds_since(begun), ..told.times }, pushed)
+    }
+
+    /// Share of the landmarks that the newest frame sees whose depth prior comes from a map.
+    fn depth_share(&self) -> Option<f64> {
+        let window = self.estimator.window();
+        let newest = window.frames.len().checked_sub(1)?;
+        let seen = || window.landmarks.iter().filter(|landmark| landmark.active && landmark.is_seen_in(newest));
+        let given = seen().filter(|landmark| landmark.depth_source == DepthSource::Given).count();
+        let all = seen().count();
+        (all > 0).then(|| given as f64 / all as f64)
     }
 
     /// The result of an image that the estimator did not take.
@@ -279,6 +356,8 @@ impl<T: Real> Worker<'_, T> {
             solve_ms: 0.0,
             pose: None,
             refused_imu: std::mem::take(&mut self.refused_imu),
+            depth: None,
+            depth_share: None,
         }
     }
 
@@ -305,10 +384,10 @@ impl FrameResult {
     /// Time in the estimator for this image, ms.
     #[must_use]
     pub fn core_ms(&self) -> f64 {
-        self.imu_ms + self.track_ms + self.solve_ms
+        self.imu_ms + self.track_ms + self.solve_ms + self.depth.as_ref().map_or(0.0, |depth| depth.times.push_ms)
     }
 }
 
-fn milliseconds_since(begun: Instant) -> f64 {
+pub(super) fn milliseconds_since(begun: Instant) -> f64 {
     begun.elapsed().as_secs_f64() * 1e3
 }

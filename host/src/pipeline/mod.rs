@@ -3,17 +3,23 @@
 //! The caller keeps every result as it arrives, so that neither an interruption nor a fault of the estimator loses
 //! what was computed before it.
 
+mod depth;
 mod estimate;
 mod figure;
+mod planes_figure;
 mod record;
 mod resources;
 mod sheet;
 mod simulated;
 mod view;
 
-pub use estimate::{Ended, FrameResult, PoseResult, Refusals, Run, run, run_watched};
+pub use depth::{DepthResult, DepthTimes, DepthUse};
+pub use estimate::{Ended, FrameResult, PoseResult, Refusals, Run, run, run_watched, run_with_depth};
 pub use figure::{Figure, draw};
-pub use record::{Consistency, CoreTiming, LeftOut, Report, Timing, prepare_outputs, write_outputs};
+pub use planes_figure::draw_planes;
+pub use record::{
+    Consistency, CoreTiming, DepthFigures, LeftOut, PlanesReport, Report, ScaleFigures, Timing, prepare_outputs, write_outputs,
+};
 pub use resources::rss_peak_mb;
 pub use sheet::ContactSheet;
 pub use simulated::{RenderClock, rendered_recording, tracked_recording};

@@ -1,18 +1,20 @@
-//! The files a run leaves behind: `trajectory.tum`, `trajectory.csv`, `report.json`.
+//! The files a run leaves behind: `trajectory.tum`, `trajectory.csv`, `report.json`; with depth also `depth_scale.csv`.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
+use libella_core::depth::Verdict;
 use libella_core::estimator::FrameOutcome;
 use libella_core::time::{Span, Timestamp};
 use serde::Serialize;
 
-use super::{Ended, PoseResult, Refusals, Run, rss_peak_mb};
+use super::{DepthResult, DepthUse, Ended, PoseResult, Refusals, Run, rss_peak_mb};
 use crate::config::{Config, Scalar};
 use crate::dataset::{Layout, Recording, Remark};
 use crate::eval::{Evaluation, Matched, PoseWithCovariance, RelativeError, Statistics, pose_nees};
 use crate::fault::{Fault, FaultKind};
+use crate::planes::{Planes, name_of as name_of_class};
 
 /// A time per image in a few numbers, ms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -38,7 +40,7 @@ pub struct CoreTiming {
     /// Sum of the stages.
     #[serde(flatten)]
     pub total: Timing,
-    /// Time of each stage: `imu`, `track`, `solve`.
+    /// Time of each stage: `imu`, `track`, `solve`; `depth` for images that have one.
     pub stages: BTreeMap<&'static str, Timing>,
 }
 
@@ -62,9 +64,108 @@ pub struct LeftOut {
     pub first: Option<String>,
 }
 
+/// What gave depth and what became of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DepthFigures {
+    /// The network or the stored maps.
+    pub source: String,
+    /// Images that were to have a map.
+    pub images: usize,
+    /// Time that the network took, ms.
+    pub network_ms: Option<Timing>,
+    /// Time that the estimator waited for it, ms.
+    pub wait_ms: Option<Timing>,
+    /// Maps that were used.
+    pub believed: usize,
+    /// Maps that were rejected because their scale is not the one known so far.
+    pub rejected_other_scale: usize,
+    /// Maps that were rejected because they explain the depths that motion tells no better than one constant would.
+    pub rejected_no_depth: usize,
+    /// Maps that were believed and gave no landmark a depth: nothing known in them, or nothing to give it to.
+    pub empty: usize,
+    /// Images without a map, or whose map could not be read.
+    pub failed: LeftOut,
+    /// Factor from the source's depths to metric ones.
+    pub scale: Option<ScaleFigures>,
+    /// Mean over the images of the share of landmarks seen whose depth prior comes from a map.
+    pub observation_share: Option<f64>,
+}
+
+/// A factor over time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ScaleFigures {
+    /// After the first map.
+    pub first: f64,
+    /// After the last.
+    pub last: f64,
+    /// Smallest.
+    pub min: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+impl DepthFigures {
+    /// The figures of a run; `None` where nothing gave depth.
+    #[must_use]
+    pub fn of(run: &Run) -> Option<Self> {
+        let source = run.depth_source.clone()?;
+        let results = || run.frames.iter().filter_map(|frame| frame.depth.as_ref());
+        let used = || results().filter_map(|depth| depth.used.as_ref().ok());
+        let with = |verdict| used().filter(|used| used.verdict == verdict).count();
+        let mut failed = Refusals::default();
+        for reason in results().filter_map(|depth| depth.used.as_ref().err()) {
+            failed.add(|| reason.clone());
+        }
+        let scales = || used().map(|used| used.scale);
+        let shares: Vec<f64> = run.frames.iter().filter_map(|frame| frame.depth_share).collect();
+        Some(Self {
+            source,
+            images: results().count(),
+            network_ms: Timing::of(results().map(|depth| depth.times.network_ms)),
+            wait_ms: Timing::of(results().map(|depth| depth.times.wait_ms)),
+            believed: with(Verdict::Believed),
+            rejected_other_scale: with(Verdict::OtherScale),
+            rejected_no_depth: with(Verdict::NoDepth),
+            empty: used().filter(|used| used.verdict == Verdict::Believed && used.given == 0).count(),
+            failed: failed.into(),
+            scale: scales().next().zip(scales().next_back()).map(|(first, last)| ScaleFigures {
+                first,
+                last,
+                min: scales().fold(first, f64::min),
+                max: scales().fold(first, f64::max),
+            }),
+            observation_share: Statistics::of(&shares).map(|found| found.mean),
+        })
+    }
+}
+
 impl From<Refusals> for LeftOut {
     fn from(refusals: Refusals) -> Self {
         Self { count: refusals.count, first: refusals.first }
+    }
+}
+
+/// Planes that stood at the end.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PlanesReport {
+    /// How many of each class.
+    pub by_class: BTreeMap<&'static str, usize>,
+    /// Planes that became part of another or were given up.
+    pub gone: usize,
+    /// Points of the map.
+    pub points: usize,
+    /// Mean share of the landmarks that were drawn to a plane, where planes were used.
+    pub share_on_planes: Option<f64>,
+}
+
+impl From<&Planes> for PlanesReport {
+    fn from(planes: &Planes) -> Self {
+        let mut by_class = BTreeMap::new();
+        for plane in planes.planes.iter().filter(|plane| plane.gone_into.is_none()) {
+            *by_class.entry(name_of_class(plane.class)).or_default() += 1;
+        }
+        let gone = planes.planes.iter().filter(|plane| plane.gone_into.is_some()).count();
+        Self { by_class, gone, points: planes.points.len(), share_on_planes: planes.share_on_planes }
     }
 }
 
@@ -113,12 +214,17 @@ pub struct Report {
     pub wall_s: f64,
     /// Largest resident memory of the process, MB.
     pub rss_peak_mb: Option<f64>,
+    /// Planes, where they were sought.
+    pub planes: Option<PlanesReport>,
     /// How often each outcome of a frame occurred.
     pub outcomes: BTreeMap<String, usize>,
     /// Images that were left out.
     pub images_left_out: LeftOut,
     /// Inertial samples that were refused.
     pub imu_left_out: LeftOut,
+    /// What gave depth and what became of it, where something did.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth: Option<DepthFigures>,
     /// What is odd about the recording.
     pub remarks: Vec<Remark>,
 }
@@ -167,9 +273,11 @@ impl Report {
             images_per_s: run.frames.len() as f64 / run.wall_s.max(1e-9),
             wall_s: run.wall_s,
             rss_peak_mb: rss_peak_mb(),
+            planes: run.planes.as_ref().map(PlanesReport::from),
             outcomes,
             images_left_out: images.into(),
             imu_left_out: samples.into(),
+            depth: DepthFigures::of(run),
             remarks: recording.remarks.clone(),
         }
     }
@@ -190,12 +298,15 @@ fn name_of(outcome: FrameOutcome) -> String {
 
 fn core_timing(run: &Run) -> Option<CoreTiming> {
     let frames = || run.frames.iter().filter(|frame| frame.outcome.is_some());
-    let stages = [
+    let mut stages: BTreeMap<_, _> = [
         ("imu", Timing::of(frames().map(|frame| frame.imu_ms))?),
         ("track", Timing::of(frames().map(|frame| frame.track_ms))?),
         ("solve", Timing::of(frames().map(|frame| frame.solve_ms))?),
-    ];
-    Some(CoreTiming { total: Timing::of(frames().map(|frame| frame.core_ms()))?, stages: stages.into() })
+    ]
+    .into();
+    let depth = Timing::of(frames().filter_map(|frame| frame.depth.as_ref()).map(|depth| depth.times.push_ms));
+    stages.extend(depth.map(|depth| ("depth", depth)));
+    Some(CoreTiming { total: Timing::of(frames().map(|frame| frame.core_ms()))?, stages })
 }
 
 fn consistency(recording: &Recording, config: &Config, run: &Run) -> Option<Consistency> {
@@ -225,7 +336,8 @@ pub fn prepare_outputs(folder: &Path) -> Result<(), Fault> {
     write(&folder.join("report.json"), "{}\n")
 }
 
-/// Writes `trajectory.tum`, `trajectory.csv` and `report.json` into a folder, which is made if it is not there.
+/// Writes `trajectory.tum`, `trajectory.csv`, `report.json` and, in a run with depth, `depth_scale.csv` into a folder, which is made if
+/// it is not there.
 ///
 /// # Errors
 /// When the folder or a file cannot be written.
@@ -235,6 +347,9 @@ pub fn write_outputs(folder: &Path, run: &Run, report: &Report) -> Result<(), Fa
         .map_err(|error| Fault::new(FaultKind::Output, format!("the report cannot be written ({error})"), "report this as an error"))?;
     write(&folder.join("trajectory.tum"), &tum(run.poses()))?;
     write(&folder.join("trajectory.csv"), &euroc(run.poses()))?;
+    if run.depth_source.is_some() {
+        write(&folder.join("depth_scale.csv"), &depth_scale(run))?;
+    }
     write(&folder.join("report.json"), &(json + "\n"))
 }
 
@@ -254,6 +369,26 @@ fn tum<'a>(poses: impl Iterator<Item = &'a PoseResult>) -> String {
         let (seconds, rest) = (nanos.div_euclid(1_000_000_000), nanos.rem_euclid(1_000_000_000));
         // Writing to a String cannot fail.
         let _ = writeln!(text, "{seconds}.{rest:09} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9}", p.x, p.y, p.z, q.i, q.j, q.k, q.w);
+    }
+    text
+}
+
+/// One row an image that was to have a map. Nothing in it hangs on how long anything took.
+fn depth_scale(run: &Run) -> String {
+    let mut text = String::from("#timestamp [ns], scale [], sigma_log_scale [], landmarks_given [], verdict\n");
+    for (stamp, depth) in run.frames.iter().filter_map(|frame| Some((frame.stamp, frame.depth.as_ref()?))) {
+        let stamp = stamp.as_nanos();
+        let _ = match depth {
+            DepthResult { used: Ok(DepthUse { given, scale, sigma_log_scale, verdict }), .. } => {
+                let verdict = match verdict {
+                    Verdict::Believed => "believed",
+                    Verdict::OtherScale => "other_scale",
+                    Verdict::NoDepth => "no_depth",
+                };
+                writeln!(text, "{stamp},{scale:.6},{sigma_log_scale:.6},{given},{verdict}")
+            }
+            DepthResult { used: Err(_), .. } => writeln!(text, "{stamp},,,0,failed"),
+        };
     }
     text
 }

@@ -4,6 +4,7 @@ use std::vec::Vec;
 
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
+use crate::factor::point_on_plane::PlaneTerm;
 use crate::factor::prior::Prior;
 use crate::factor::reprojection::CameraMount;
 use crate::imu::testing::{Motion, Normal, gravity, integrated};
@@ -178,6 +179,19 @@ impl<T: Real> World<T> {
     /// The same window without any prior.
     pub fn without_prior(mut self) -> Self {
         self.prior.clear();
+        self
+    }
+
+    /// The same window with every other landmark on a plane that its true point is within three standard deviations of.
+    pub fn with_planes(mut self) -> Self {
+        let mut normal = Normal(77);
+        for (landmark, inverse_depth) in self.window.landmarks.iter_mut().zip(&self.inverse_depths).step_by(2) {
+            let camera = CameraPose::of(&self.truth[landmark.anchor()], &self.settings.body_from_camera);
+            let point = camera.center_in_world + camera.world_from_camera * landmark.direction() / *inverse_depth;
+            let n = normal.vector(1.0).normalize().map(T::of);
+            let off = T::of(0.06 * normal.draw().clamp(-1.0, 1.0));
+            landmark.plane = PlaneTerm { normal_in_world: n.into(), offset_m: off - n.dot(&point), inverse_sigma: T::of(50.0) };
+        }
         self
     }
 

@@ -1,0 +1,17 @@
+//! The planes of a flight: found among the points of the map, in a thread of their own, and kept by name.
+//!
+//! ```text
+//! landmarks ─▶ points ─ snapshot, every 30 images ─▶ seeker (thread) ─ detections, 10 images later ─▶ finder ─▶ estimator, files
+//! ```
+//! The answer to a snapshot is applied at a fixed image, and waited for if need be: a run gives the same planes and poses however fast
+//! the machine is.
+
+mod files;
+mod finder;
+mod points;
+mod seeker;
+
+pub use files::write;
+pub(crate) use files::{color_of, name_of};
+pub use finder::{FoundPlane, PlaneFinder, Planes, PlanesConfig};
+pub use points::MapPoints;

@@ -27,11 +27,8 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let config = arguments.config.as_deref().map_or_else(|| Ok(Config::default()), Config::read)?;
     let recording = dataset::open_to_check(&arguments.dataset, &config.dataset)?;
-    let options = CheckOptions {
-        images: arguments.images,
-        images_ahead: config.dataset.images_ahead,
-        gravity_m_s2: config.estimator.gravity_m_s2,
-    };
+    let options =
+        CheckOptions { images: arguments.images, images_ahead: config.dataset.images_ahead, gravity_m_s2: config.estimator.gravity_m_s2 };
     let report = check(&recording, &options)?;
     if arguments.json {
         say(&(serde_json::to_string_pretty(&report).unwrap_or_default() + "\n"));

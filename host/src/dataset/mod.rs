@@ -240,7 +240,8 @@ fn open_for(purpose: Purpose, path: &Path, options: &DatasetSection) -> Result<R
         let what = if path.exists() { "is not a folder" } else { "there is no such folder" };
         return Err(Fault::missing(path, what, "give the folder of a recording, for EuRoC the one that holds `mav0`"));
     }
-    let mut recording = if path.join("tracks_cam0.csv").is_file() { corners::open(purpose, path, options)? } else { euroc::open(purpose, path, options)? };
+    let mut recording =
+        if path.join("tracks_cam0.csv").is_file() { corners::open(purpose, path, options)? } else { euroc::open(purpose, path, options)? };
     keep_frames_with_imu(purpose, &mut recording, path)?;
     report_image_gaps(&mut recording, path, options);
     if recording.truth.is_none() {

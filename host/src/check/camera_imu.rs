@@ -31,7 +31,7 @@ const DEGREES: [f64; 2] = [35.0, 95.0];
 /// Offset from which a rolling or late clock shows: at 1 rad/s a millisecond is half a pixel. Warning, and fault, s.
 const OFFSET_S: [f64; 2] = [0.0025, 0.004];
 /// The error of an offset grows with the square of the corners' noise in a way that no covariance knows. Corners of images are 0.1 to
-/// 0.3 px off; beyond this value only offsets beyond the next are judged. px, s.
+/// 0.4 px off; beyond this value only offsets beyond the next are judged. px, s.
 const NOISY_PX: f64 = 0.7;
 const FAR_OFFSET_S: f64 = 0.05;
 /// Images over less time than this fit many offsets and alignments at once, s.

@@ -1,5 +1,6 @@
 //! One file per subcommand; here is what they share: arguments and exit codes.
 
+mod check;
 mod config;
 mod demo;
 mod depth;
@@ -18,7 +19,7 @@ use libella_host::fault::{Fault, FaultKind};
 /// Monocular visual-inertial odometry in fixed memory.
 ///
 /// Exit codes: 0 done, 2 wrong command line or configuration, 3 the data cannot be used, 4 no trajectory came out,
-/// 5 results cannot be written, 70 the estimator failed, 130 interrupted (results so far are written).
+/// 5 results cannot be written, 6 `check` found a fault, 70 the estimator failed, 130 interrupted (results so far are written).
 #[derive(Parser)]
 #[command(name = "libella", version, arg_required_else_help = true)]
 struct Arguments {
@@ -30,6 +31,8 @@ struct Arguments {
 enum Command {
     /// Renders a flight and runs the odometry on it at once: needs no data.
     Demo(demo::Arguments),
+    /// Finds out what is wrong with a recording before it is run: units, axes, stamps, calibration, noise, motion.
+    Check(check::Arguments),
     /// Runs a recording through the estimator and writes trajectory, report and picture.
     Run(run::Arguments),
     /// Renders a flight through a room into a EuRoC/ASL folder with exact truth.
@@ -48,6 +51,8 @@ enum Command {
 pub(crate) enum Exit {
     Done,
     NoResult,
+    /// `check` found a fault in the recording.
+    Faulty,
     EstimatorFailed,
     Interrupted,
 }
@@ -60,6 +65,7 @@ pub(crate) fn say(text: &str) {
 pub(crate) fn main() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Demo(arguments) => demo::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Rooms(arguments) => rooms::run(&arguments),
@@ -70,6 +76,7 @@ pub(crate) fn main() -> ExitCode {
     match done {
         Ok(Exit::Done) => ExitCode::SUCCESS,
         Ok(Exit::NoResult) => ExitCode::from(4),
+        Ok(Exit::Faulty) => ExitCode::from(6),
         Ok(Exit::EstimatorFailed) => ExitCode::from(70),
         Ok(Exit::Interrupted) => ExitCode::from(130),
         Err(fault) => {

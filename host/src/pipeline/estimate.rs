@@ -21,7 +21,7 @@ use crate::config::{Config, Scalar};
 use crate::dataset::{Event, Frames, Recording};
 use crate::eval::{StampedPose, Trajectory};
 use crate::fault::{Fault, FaultKind};
-use crate::network::DepthNetwork;
+use crate::network::{Alike, DepthNetwork};
 use crate::planes::{PlaneFinder, Planes};
 
 /// Room for the pyramids of images up to about 1.5 megapixels; pages that are never touched cost nothing.
@@ -152,6 +152,9 @@ pub fn run_with_depth(
     if let Some(network) = &network {
         depth::check(network.as_ref(), !matches!(recording.frames, Frames::Tracks(_)))?;
     }
+    let network = network.map(|network| -> Box<dyn DepthNetwork> {
+        if config.depth.uncertainty { network } else { Box::new(Alike::new(network, config.depth.sigma_log)) }
+    });
     run_to(recording, config, stop, network, false, |frame, _| observe(frame))
 }
 

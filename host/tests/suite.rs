@@ -177,7 +177,11 @@ fn broken_suites_end_in_one_sentence_that_names_the_file() {
         ("name = \"x\"\n", "mine.toml: has no sequence", 2),
         ("name = \"x\"\n[[sequences]]\nname = \"a\"\npath = \"gone\"\n", "sequence `a`: there is no gone in ", 3),
         ("name = \"x\"\n[[sequences]]\nname = \"a\"\nsimulate = { motion = \"loopings\" }\n", "there is no loopings in ", 3),
-        ("name = \"x\"\nconfig = \"c.toml\"\n[[sequences]]\nname = \"a\"\nsimulate = { motion = \"easy\" }\n", "c.toml: there is no such file", 2),
+        (
+            "name = \"x\"\nconfig = \"c.toml\"\n[[sequences]]\nname = \"a\"\nsimulate = { motion = \"easy\" }\n",
+            "c.toml: there is no such file",
+            2,
+        ),
     ] {
         std::fs::write(&file, broken).unwrap();
         let (found, message) = evaluate(&file);
@@ -206,7 +210,11 @@ fn a_recording_without_truth_is_refused_before_the_first_run() {
 
 #[test]
 fn a_suite_and_a_comparison_are_not_mixed() {
-    for arguments in [vec!["evaluate", "a.tum"], vec!["evaluate", "a.tum", "b.tum", "--suite", "x.toml"], vec!["evaluate", "--suite", "x", "--euroc", "y"]] {
+    for arguments in [
+        vec!["evaluate", "a.tum"],
+        vec!["evaluate", "a.tum", "b.tum", "--suite", "x.toml"],
+        vec!["evaluate", "--suite", "x", "--euroc", "y"],
+    ] {
         assert_eq!(libella(&arguments).status.code(), Some(2), "{arguments:?}");
     }
 }

@@ -17,7 +17,8 @@ pub struct DepthSection {
     pub rate_hz: f64,
     /// Whether what the source says of its uncertainty is listened to; otherwise all depths count alike, with `sigma_log` and `u = 0`. Default true.
     pub uncertainty: bool,
-    /// Without `uncertainty`: the standard deviation of ln depth that all depths have. Default 0.25.
+    /// Without `uncertainty`: the standard deviation of ln depth that all depths have. Default 0.13: the median of
+    /// what `indoor` states in rendered rooms.
     pub sigma_log: f64,
 }
 
@@ -63,7 +64,7 @@ pub enum Weighting {
 
 impl Default for DepthSection {
     fn default() -> Self {
-        Self { source: "none".into(), rate_hz: 5.0, uncertainty: true, sigma_log: 0.25 }
+        Self { source: "none".into(), rate_hz: 5.0, uncertainty: true, sigma_log: 0.13 }
     }
 }
 

@@ -74,11 +74,7 @@ fn add_folder(print: &mut Fingerprint, folder: &Path, below: &str, with_depth: b
         }
         let is_image = path.extension().is_some_and(|kind| ["png", "jpg", "jpeg"].iter().any(|image| kind.eq_ignore_ascii_case(image)));
         *print = print.add(shown.as_bytes());
-        *print = if is_image {
-            print.add(&path.metadata().map_err(unreadable)?.len().to_le_bytes())
-        } else {
-            add_file(*print, &path)?
-        };
+        *print = if is_image { print.add(&path.metadata().map_err(unreadable)?.len().to_le_bytes()) } else { add_file(*print, &path)? };
     }
     Ok(())
 }

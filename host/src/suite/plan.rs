@@ -179,7 +179,11 @@ impl Plan {
         let sequences: Vec<Sequence> = found.collect();
         if sequences.is_empty() {
             let what = "holds none of V1_01 to V2_03 and MH_01 to MH_05";
-            return Err(Fault::missing(folder, what, "unpack the archives of EuRoC there, each to a folder like V1_01_easy with `mav0` in it"));
+            return Err(Fault::missing(
+                folder,
+                what,
+                "unpack the archives of EuRoC there, each to a folder like V1_01_easy with `mav0` in it",
+            ));
         }
         Ok(Self {
             name: "EuRoC".into(),

@@ -52,9 +52,11 @@ pub fn prepare(
             Source::Simulated(flight) => {
                 let depth = if with_depth { "_depth" } else { "" };
                 let path = cache.join(flight.folder_name() + depth);
-                if !path.join("mav0").is_dir() && !render(flight, &path, with_depth, stop, &|done, all| {
-                    observe(Step::Rendering { sequence: &sequence.name, done, all });
-                })? {
+                if !path.join("mav0").is_dir()
+                    && !render(flight, &path, with_depth, stop, &|done, all| {
+                        observe(Step::Rendering { sequence: &sequence.name, done, all });
+                    })?
+                {
                     return Ok(None);
                 }
                 path
@@ -89,13 +91,7 @@ fn open(sequence: &Sequence, path: PathBuf, with_depth: bool, options: &DatasetS
 }
 
 /// Whether it came to its end. The folder has its name only once it is complete.
-fn render(
-    flight: &Simulation,
-    folder: &Path,
-    with_depth: bool,
-    stop: &AtomicBool,
-    observe: &dyn Fn(usize, usize),
-) -> Result<bool, Fault> {
+fn render(flight: &Simulation, folder: &Path, with_depth: bool, stop: &AtomicBool, observe: &dyn Fn(usize, usize)) -> Result<bool, Fault> {
     let seconds = flight.duration_s.unwrap_or(if MotionKind::from_name(&flight.motion).is_some() { DRAWN_S } else { WHOLE_S });
     let source = MotionSource::parse(&flight.motion, seconds).map_err(unusable)?;
     let seed = flight.scene_seed;

@@ -4,8 +4,7 @@
 //! was measured by this program.
 
 /// The sequences of EuRoC in the order of the tables.
-pub const EUROC: [&str; 11] =
-    ["V1_01", "V1_02", "V1_03", "V2_01", "V2_02", "V2_03", "MH_01", "MH_02", "MH_03", "MH_04", "MH_05"];
+pub const EUROC: [&str; 11] = ["V1_01", "V1_02", "V1_03", "V2_01", "V2_02", "V2_03", "MH_01", "MH_02", "MH_03", "MH_04", "MH_05"];
 
 /// One system, or one variant of one.
 #[derive(Debug, Clone, Copy, PartialEq)]

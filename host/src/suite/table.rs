@@ -76,7 +76,8 @@ impl Table {
 
     /// The smallest number as it is printed: what looks equal is equally good. Nothing where there is nothing to compare.
     fn best(&self, row: &Row) -> Option<String> {
-        let values: Vec<f64> = row.cells.iter().filter_map(|cell| if let Cell::Value(value, _) = cell { Some(*value) } else { None }).collect();
+        let values: Vec<f64> =
+            row.cells.iter().filter_map(|cell| if let Cell::Value(value, _) = cell { Some(*value) } else { None }).collect();
         if !self.smallest_is_best || values.len() < 2 {
             return None;
         }

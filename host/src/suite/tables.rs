@@ -65,7 +65,9 @@ impl Summary<'_> {
                 self.sequences.iter().map(|sequence| median(&self.values(&sequence.name, *variant, figure))).collect();
             mean(&medians).map_or(Cell::Empty, |value| Cell::Value(value, None))
         };
-        rows.push(Row { name: "mean".into(), cells: self.plan.variants.iter().map(over_rows).collect() });
+        if rows.len() > 1 {
+            rows.push(Row { name: "mean".into(), cells: self.plan.variants.iter().map(over_rows).collect() });
+        }
         self.table(title, rows, decimals, true)
     }
 
@@ -168,7 +170,8 @@ impl Summary<'_> {
     pub fn protocol(&self) -> Vec<String> {
         let plan = self.plan;
         let (rendered, real): (Vec<_>, Vec<_>) = self.sequences.iter().partition(|sequence| sequence.is_rendered);
-        let names = |sequences: &[&PreparedSequence]| sequences.iter().map(|sequence| sequence.name.as_str()).collect::<Vec<_>>().join(", ");
+        let names =
+            |sequences: &[&PreparedSequence]| sequences.iter().map(|sequence| sequence.name.as_str()).collect::<Vec<_>>().join(", ");
         let mut lines = vec![
             "poses: causal. Each was known when its image had been worked on, and is not touched afterwards; all of them from the first on are judged.".into(),
             "alignment: one rigid transform of the whole trajectory to the truth by least squares, without scale. Truth is interpolated at the stamps of the images.".into(),
@@ -206,7 +209,9 @@ impl Summary<'_> {
         let said = |system: &Published, name: &str| {
             format!("{name}: {}, {}; loop closure {}. {}.", system.sensors, system.poses, system.loops, system.source)
         };
-        let paper = PAPER.iter().take(1).map(|system| said(system, "the paper"));
+        let occurs =
+            |system: &&Published| self.sequences.iter().filter_map(|sequence| sequence.euroc).any(|name| system.on(name).is_some());
+        let paper = PAPER.iter().take(1).filter(occurs).map(|system| said(system, "the paper"));
         paper.chain(SYSTEMS.iter().map(|system| said(system, system.name))).collect()
     }
 
@@ -254,4 +259,92 @@ impl Summary<'_> {
 
 fn count(number: u32, what: &str) -> String {
     if number == 1 { format!("1 {what}") } else { format!("{number} {what}s") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config;
+
+    fn sequence(name: &str) -> PreparedSequence {
+        PreparedSequence {
+            name: name.into(),
+            path: "".into(),
+            frames: 100,
+            is_rendered: name == "V1_01",
+            euroc: crate::suite::euroc_name(name),
+            span_s: 5.0,
+            fingerprint: String::new(),
+            other_truths: Vec::new(),
+        }
+    }
+
+    fn result(sequence: &str, variant: Variant, run: u32, ate_rmse_m: Option<f64>) -> RunResult {
+        RunResult {
+            sequence: sequence.into(),
+            variant,
+            run,
+            key: String::new(),
+            build: String::new(),
+            seed: 0,
+            gravity_m_s2: 9.81,
+            ended: "complete".into(),
+            frames: 100,
+            poses: 90,
+            coverage: 0.9,
+            initialised_after_s: ate_rmse_m.map(|_| 0.5),
+            ate_rmse_m,
+            scale_error_percent: None,
+            path_length_m: None,
+            pose_nees_mean: None,
+            rpe: Vec::new(),
+            other_truths: Vec::new(),
+            depth_maps: None,
+            share_on_planes: None,
+            core_ms_median: None,
+            wall_s: 1.0,
+        }
+    }
+
+    #[test]
+    fn medians_over_runs_and_their_mean_over_sequences() {
+        let plan = Plan {
+            name: "x".into(),
+            runs: 3,
+            variants: vec![Variant::Mono, Variant::Cnn],
+            depth: "indoor".into(),
+            config: Config::default(),
+            sequences: Vec::new(),
+        };
+        let sequences = [sequence("V1_01"), sequence("room")];
+        let runs = |name: &'static str, variant: Variant, values: [Option<f64>; 3]| {
+            values.into_iter().zip(1..).map(move |(value, run)| result(name, variant, run, value))
+        };
+        let results: Vec<RunResult> = runs("V1_01", Variant::Mono, [Some(0.03), Some(0.01), Some(0.02)])
+            .chain(runs("V1_01", Variant::Cnn, [Some(0.05), Some(0.03), None]))
+            .chain(runs("room", Variant::Mono, [Some(0.04), Some(0.04), Some(0.04)]))
+            .chain(runs("room", Variant::Cnn, [Some(0.01), None, None]))
+            .collect();
+        let outcome = Outcome { all: results.len(), found: 0, results };
+        let summary = Summary { plan: &plan, sequences: &sequences, outcome: &outcome };
+        let expected = "\
+### RMSE ATE, m, median of 3 runs
+
+| sequence | mono-inertial |                + CNN |
+|---|---:|---:|
+| V1_01    |    **0.0200** | 0.0500 (1 of 3 lost) |
+| room     |        0.0400 |                 lost |
+| mean     |        0.0300 |                    – |
+";
+        assert_eq!(summary.ate_table().render(Style::Markdown), expected);
+        let whole = summary.render(Style::Plain);
+        assert!(whole.contains("0.0100 to 0.0300"), "{whole}");
+        // V1_01 has published figures beside it, and the text says that these images are others.
+        assert!(whole.contains("The paper's own figures") && whole.contains("rendered for V1_01."), "{whole}");
+        let above: Vec<_> = summary.above(0.03).into_iter().map(|place| (place.sequence, place.variant, place.ate_rmse_m)).collect();
+        let place = |name: &str, variant, ate| (name.to_owned(), variant, ate);
+        let expected =
+            [place("V1_01", Variant::Cnn, Some(0.05)), place("room", Variant::Mono, Some(0.04)), place("room", Variant::Cnn, None)];
+        assert_eq!(above, expected);
+    }
 }

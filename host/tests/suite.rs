@@ -137,7 +137,7 @@ fn above_a_threshold(tiny: &Tiny) {
 fn interrupted(tiny: &Tiny) {
     let out = tiny.folder.path().join("long");
     let (suite, recordings) = (tiny.folder.path().join("tiny.toml"), tiny.out().join("recordings"));
-    let child = Command::new(env!("CARGO_BIN_EXE_libella"))
+    let mut child = Command::new(env!("CARGO_BIN_EXE_libella"))
         .args(["evaluate", "--runs", "100", "--variants", "mono", "--workers", "1", "--suite"])
         .arg(&suite)
         .arg("--out")
@@ -153,6 +153,7 @@ fn interrupted(tiny: &Tiny) {
         files.filter(|entry| entry.path().extension().is_some_and(|kind| kind == "json")).count()
     };
     while finished() < 2 {
+        assert!(child.try_wait().unwrap().is_none(), "ended by itself");
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());

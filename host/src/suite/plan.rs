@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::{EUROC, Variant};
+use super::{EUROC, Variant, euroc_name};
 use crate::config::Config;
 use crate::fault::{Fault, FaultKind, read_text};
 use crate::sim::MotionKind;
@@ -113,14 +113,10 @@ impl Simulation {
     #[must_use]
     pub fn folder_name(&self) -> String {
         let motion = Path::new(&self.motion).file_name().map_or_else(|| self.motion.clone(), |name| name.to_string_lossy().into_owned());
-        let short = euroc_prefix(&motion).map_or(motion.as_str(), |name| name);
+        let short = euroc_name(&motion).unwrap_or(motion.as_str());
         let seconds = self.duration_s.map(|seconds| format!("_{seconds}s")).unwrap_or_default();
         format!("{short}_s{}{seconds}", self.scene_seed)
     }
-}
-
-fn euroc_prefix(name: &str) -> Option<&'static str> {
-    EUROC.into_iter().find(|known| name.starts_with(known))
 }
 
 impl Plan {
@@ -234,9 +230,9 @@ fn refused(what: impl Into<String>, remedy: impl Into<String>) -> Fault {
     Fault::new(FaultKind::Configuration, what, remedy)
 }
 
-fn twice<'a>(names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+fn twice<'a>(mut names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let mut seen = std::collections::BTreeSet::new();
-    names.into_iter().find(|name| !seen.insert(*name))
+    names.find(|name| !seen.insert(*name))
 }
 
 fn located(read: SequenceToml, folders: &[PathBuf]) -> Result<Sequence, Fault> {

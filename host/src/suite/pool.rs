@@ -48,6 +48,8 @@ pub struct Outcome {
     pub results: Vec<RunResult>,
     /// Runs that were found.
     pub found: usize,
+    /// Runs of those found that another build of the program made.
+    pub of_other_builds: usize,
     /// Runs there should be.
     pub all: usize,
 }
@@ -81,9 +83,13 @@ pub fn execute(
     let jobs = jobs(plan, sequences)?;
     let all = jobs.len();
     let (mut results, mut left): (Vec<(usize, RunResult)>, Vec<(usize, Job)>) = (Vec::new(), Vec::new());
+    let mut of_other_builds = 0;
     for (index, job) in jobs.into_iter().enumerate() {
         match job.found(&folder, any_build) {
-            Some(result) => results.push((index, result)),
+            Some(result) => {
+                of_other_builds += usize::from(result.build != job.build);
+                results.push((index, result));
+            }
             None => left.push((index, job)),
         }
     }
@@ -123,5 +129,5 @@ pub fn execute(
         return Err(fault);
     }
     results.sort_by_key(|(index, _)| *index);
-    Ok(Outcome { results: results.into_iter().map(|(_, result)| result).collect(), found, all })
+    Ok(Outcome { results: results.into_iter().map(|(_, result)| result).collect(), found, of_other_builds, all })
 }

@@ -190,12 +190,21 @@ impl Summary<'_> {
         }
         if !rendered.is_empty() {
             lines.push(format!(
-                "images: rendered for {}. Published figures are of the real images, so that rows of one and the other cannot be compared.",
-                names(&rendered)
+                "images: rendered for {}{}.",
+                names(&rendered),
+                if rendered.iter().any(|sequence| sequence.euroc.is_some()) {
+                    "; published figures are of the real images, so that rows of one and the other cannot be compared"
+                } else {
+                    ""
+                }
             ));
         }
         if !real.is_empty() {
             lines.push(format!("images: as recorded for {}.", names(&real)));
+        }
+        if self.outcome.of_other_builds > 0 {
+            let (others, all) = (self.outcome.of_other_builds, self.outcome.all);
+            lines.push(format!("program: {others} of {all} runs were made by another build of this program, as --any-build allows."));
         }
         if let Some(result) = self.outcome.results.iter().find(|result| result.ended != "complete") {
             lines.push(format!("the estimator failed in at least one run: {}", result.ended));
@@ -325,7 +334,7 @@ mod tests {
             .chain(runs("room", Variant::Mono, [Some(0.04), Some(0.04), Some(0.04)]))
             .chain(runs("room", Variant::Cnn, [Some(0.01), None, None]))
             .collect();
-        let outcome = Outcome { all: results.len(), found: 0, results };
+        let outcome = Outcome { all: results.len(), found: 0, of_other_builds: 0, results };
         let summary = Summary { plan: &plan, sequences: &sequences, outcome: &outcome };
         let expected = "\
 ### RMSE ATE, m, median of 3 runs
@@ -340,7 +349,7 @@ mod tests {
         let whole = summary.render(Style::Plain);
         assert!(whole.contains("0.0100 to 0.0300"), "{whole}");
         // V1_01 has published figures beside it, and the text says that these images are others.
-        assert!(whole.contains("The paper's own figures") && whole.contains("rendered for V1_01."), "{whole}");
+        assert!(whole.contains("The paper's own figures") && whole.contains("rendered for V1_01; published figures"), "{whole}");
         let above: Vec<_> = summary.above(0.03).into_iter().map(|place| (place.sequence, place.variant, place.ate_rmse_m)).collect();
         let place = |name: &str, variant, ate| (name.to_owned(), variant, ate);
         let expected =

@@ -5,7 +5,7 @@ pub(super) fn median(values: &[Option<f64>]) -> Option<f64> {
     let mut sorted: Vec<f64> = values.iter().map(|value| value.unwrap_or(f64::INFINITY)).collect();
     sorted.sort_by(f64::total_cmp);
     let upper = *sorted.get(sorted.len() / 2)?;
-    let lower = if sorted.len() % 2 == 0 { *sorted.get((sorted.len() / 2).checked_sub(1)?)? } else { upper };
+    let lower = if sorted.len().is_multiple_of(2) { *sorted.get((sorted.len() / 2).checked_sub(1)?)? } else { upper };
     Some(0.5 * (lower + upper)).filter(|value| value.is_finite())
 }
 

@@ -11,3 +11,4 @@ pub mod network; // depth and uncertainty of images
 pub mod pipeline; // events -> estimator -> poses, timings, files
 pub mod planes; // points of the map -> planes with names
 pub mod sim; // worlds with known truth
+pub mod suite; // many recordings, variants and runs -> one table

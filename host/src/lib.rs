@@ -8,4 +8,5 @@ pub mod fault; // what went wrong, where, and what to do
 pub mod network; // depth and uncertainty of images
 pub mod pipeline; // events -> estimator -> poses, timings, files
 pub mod planes; // points of the map -> planes with names
+pub mod report; // output folders -> one HTML page for people
 pub mod sim; // worlds with known truth

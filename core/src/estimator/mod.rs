@@ -1,5 +1,6 @@
 //! The one place that knows the order of events.
 
+mod biases;
 mod config;
 mod depth;
 mod depth_start;

@@ -13,6 +13,7 @@ use libella_host::fault::{Fault, FaultKind};
 use libella_host::network::{DepthNetwork, ModelChoice, Spoil, Spoiled};
 use libella_host::pipeline::{self, DepthFigures, Ended, Figure, Report, Run};
 use libella_host::planes;
+use libella_host::report::{self, Snapshots};
 
 use super::{Exit, say};
 
@@ -45,6 +46,9 @@ pub(crate) struct Arguments {
     /// Seed of everything random; overrides the configuration.
     #[arg(long)]
     seed: Option<u64>,
+    /// Writes no report.html.
+    #[arg(long)]
+    no_html: bool,
     /// Prints nothing but errors.
     #[arg(long, short)]
     quiet: bool,
@@ -96,7 +100,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let stop = stop_on_interrupt();
     let bar = progress(recording.frames.len(), arguments.quiet);
     let mut contradictions = 0;
-    let run = pipeline::run_with_depth(&recording, &config, network, &stop, |frame| {
+    let mut snapshots = Snapshots::new(recording.frames.len());
+    let run = pipeline::run_watched_with_depth(&recording, &config, network, &stop, |frame, view| {
+        if let Some(view) = view.filter(|_| !arguments.no_html) {
+            snapshots.add(frame, &view);
+        }
         contradictions += usize::from(frame.health == Health::Initialising(Waiting::Agreement));
         if contradictions == CONTRADICTIONS && !arguments.quiet {
             contradictions += 1;
@@ -111,12 +119,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     bar.finish_and_clear();
     let estimate = run.trajectory();
     let evaluation = recording.truth.as_ref().and_then(|truth| evaluate(&estimate, truth, &config.evaluation).ok());
-    let report = Report::new(&recording, &config, &run, evaluation.as_ref());
-    pipeline::write_outputs(&folder, &run, &report)?;
+    let figures = Report::new(&recording, &config, &run, evaluation.as_ref());
+    pipeline::write_outputs(&folder, &run, &figures)?;
     let title = format!("{} · {}", recording.name, if config.scalar == Scalar::F64 { "f64" } else { "f32" });
     let figure = Figure {
         title: &title,
-        subtitle: &subtitle(&report),
+        subtitle: &subtitle(&figures),
         estimate: &estimate,
         truth: recording.truth.as_ref(),
         evaluation: evaluation.as_ref(),
@@ -126,10 +134,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         planes::write(&folder, found)?;
         pipeline::draw_planes(&folder, &figure, found)?;
     }
-    if !arguments.quiet {
-        say(&describe(&recording, &report, evaluation.as_ref(), &folder));
+    report::write_data(&folder, &recording, &config, &run, evaluation.as_ref(), Some(&snapshots))?;
+    if !arguments.no_html {
+        report::write_page(&folder)?;
     }
-    Ok(exit(&run, &report))
+    if !arguments.quiet {
+        say(&describe(&recording, &figures, evaluation.as_ref(), &folder));
+    }
+    Ok(exit(&run, &figures))
 }
 
 /// What gives depth, ready for the images of the recording.

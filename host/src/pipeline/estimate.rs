@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use libella_core::estimator::{FrameOutcome, Health, InputError};
 use libella_core::image::PyramidPair;
-use libella_core::imu::ImuSample;
+use libella_core::imu::{ImuBias, ImuSample};
 use libella_core::profile::Desktop;
 use libella_core::real::Real;
 use libella_core::time::Timestamp;
@@ -21,13 +21,15 @@ use crate::config::{Config, Scalar};
 use crate::dataset::{Event, Frames, Recording};
 use crate::eval::{StampedPose, Trajectory};
 use crate::fault::{Fault, FaultKind};
-use crate::network::DepthNetwork;
+use crate::network::{DepthMap, DepthNetwork};
 use crate::planes::{PlaneFinder, Planes};
 
 /// Room for the pyramids of images up to about 1.5 megapixels; pages that are never touched cost nothing.
 const PYRAMID_BYTES: usize = 2 << 20;
 /// The estimator is built on the stack of its thread before it moves to the heap.
 const STACK_BYTES: usize = 64 << 20;
+/// Poses from one whose biases' uncertainty is asked for to the next: it changes slowly and costs an iteration.
+const BIAS_SIGMA_EVERY: usize = 10;
 
 /// A causal pose: what the estimator knew when the image had been worked on.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,6 +46,8 @@ pub struct PoseResult {
     pub accel_bias_m_s2: Vector3<f64>,
     /// Covariance of `[δφ δp]`, rad and m.
     pub pose_covariance: SMatrix<f64, 6, 6>,
+    /// Standard deviations of the biases, of every tenth pose.
+    pub bias_sigma: Option<ImuBias<f64>>,
 }
 
 /// What became of one image.
@@ -57,6 +61,8 @@ pub struct FrameResult {
     pub health: Health,
     /// Why the image was left out.
     pub refused: Option<String>,
+    /// Landmarks with a depth that the image saw.
+    pub tracked: usize,
     /// Time in `push_imu` since the image before, ms.
     pub imu_ms: f64,
     /// Time in `push_image` or `push_tracks`, ms.
@@ -149,10 +155,28 @@ pub fn run_with_depth(
     stop: &AtomicBool,
     mut observe: impl FnMut(&FrameResult),
 ) -> Result<Run, Fault> {
-    if let Some(network) = &network {
-        depth::check(network.as_ref(), !matches!(recording.frames, Frames::Tracks(_)))?;
-    }
+    check_depth(recording, network.as_deref())?;
     run_to(recording, config, stop, network, false, |frame, _| observe(frame))
+}
+
+/// [`run_with_depth`] for somebody who also wants to see what the estimator saw in each image that it took.
+///
+/// # Errors
+/// As [`run_with_depth`].
+pub fn run_watched_with_depth(
+    recording: &Recording,
+    config: &Config,
+    network: Option<Box<dyn DepthNetwork>>,
+    stop: &AtomicBool,
+    observe: impl FnMut(&FrameResult, Option<View>),
+) -> Result<Run, Fault> {
+    check_depth(recording, network.as_deref())?;
+    run_to(recording, config, stop, network, true, observe)
+}
+
+fn check_depth(recording: &Recording, network: Option<&dyn DepthNetwork>) -> Result<(), Fault> {
+    let has_images = !matches!(recording.frames, Frames::Tracks(_));
+    network.map_or(Ok(()), |network| depth::check(network, has_images))
 }
 
 /// [`run`] for somebody who also wants to see what the estimator saw in each image that it took.
@@ -217,6 +241,10 @@ struct Worker<'a, T: Real> {
     config: &'a Config,
     finder: Option<PlaneFinder>,
     has_depth: bool,
+    /// Whether the maps are kept to be shown, and the newest of them.
+    watched: bool,
+    newest_map: Option<DepthMap>,
+    poses: usize,
     imu_ms: f64,
     refused_imu: Refusals,
 }
@@ -237,6 +265,9 @@ fn work<T: Real>(
         config,
         finder: config.planes.finder().map(PlaneFinder::new).transpose()?,
         has_depth: network.is_some(),
+        watched,
+        newest_map: None,
+        poses: 0,
         imu_ms: 0.0,
         refused_imu: Refusals::default(),
     };
@@ -263,7 +294,9 @@ fn work<T: Real>(
                 worker.take_frame(frame.stamp, None, |estimator, _| estimator.push_tracks(frame.stamp, &observations))
             }
         };
-        let view = (watched && result.outcome.is_some()).then(|| view::of(&worker.estimator, rig, result.stamp, pixels));
+        let depth = worker.newest_map.take();
+        let view = (watched && result.outcome.is_some())
+            .then(|| View { depth, ..view::of(&worker.estimator, rig, result.stamp, pixels, worker.finder.as_ref()) });
         if sender.send((result, view)).is_err() || stop.load(Ordering::Relaxed) {
             return Ok((Ended::Interrupted, worker.finder.map(PlaneFinder::finish)));
         }
@@ -316,15 +349,18 @@ impl<T: Real> Worker<'_, T> {
             used: pushed.and_then(|()| did.ok_or_else(|| "the image was not worked on".into())),
         });
         let depth_share = self.has_depth.then(|| self.depth_share()).flatten();
-        FrameResult { outcome: Some(outcome), track_ms, solve_ms, pose: self.pose_at(stamp), depth, depth_share, ..self.blank(stamp) }
+        let tracked = self.estimator.report().tracked;
+        FrameResult { outcome: Some(outcome), tracked, track_ms, solve_ms, pose: self.pose_at(stamp), depth, depth_share, ..self.blank(stamp) }
     }
 
     /// Hands a map to the estimator; what it did with it, its next step says.
     fn take_depth(&mut self, stamp: Timestamp, told: Told) -> (DepthTimes, Result<(), String>) {
         let begun = Instant::now();
         let pushed = told.map.and_then(|map| {
-            let map = depth::view(&map).map_err(|error| error.to_string())?;
-            self.estimator.push_depth(stamp, &map).map_err(|error| error.to_string())
+            let view = depth::view(&map).map_err(|error| error.to_string())?;
+            let pushed = self.estimator.push_depth(stamp, &view).map_err(|error| error.to_string());
+            self.newest_map = self.watched.then_some(map);
+            pushed
         });
         (DepthTimes { push_ms: milliseconds_since(begun), ..told.times }, pushed)
     }
@@ -351,6 +387,7 @@ impl<T: Real> Worker<'_, T> {
             outcome: None,
             health: self.estimator.health(),
             refused: None,
+            tracked: 0,
             imu_ms: std::mem::take(&mut self.imu_ms),
             track_ms: 0.0,
             solve_ms: 0.0,
@@ -362,8 +399,10 @@ impl<T: Real> Worker<'_, T> {
     }
 
     /// The newest state, if it is the one of this image and usable.
-    fn pose_at(&self, stamp: Timestamp) -> Option<PoseResult> {
+    fn pose_at(&mut self, stamp: Timestamp) -> Option<PoseResult> {
         let newest = self.estimator.state().filter(|newest| newest.stamp == stamp)?;
+        let bias_sigma = self.poses.is_multiple_of(BIAS_SIGMA_EVERY).then(|| self.estimator.bias_sigmas()).flatten();
+        self.poses += 1;
         let vector = |v: &Vector3<T>| v.map(Real::as_f64);
         let q = newest.state.world_from_body.quaternion();
         let rotation = UnitQuaternion::new_normalize(Quaternion::new(q.w.as_f64(), q.i.as_f64(), q.j.as_f64(), q.k.as_f64()));
@@ -374,6 +413,8 @@ impl<T: Real> Worker<'_, T> {
             gyro_bias_rad_s: vector(&newest.state.bias.gyro_rad_s),
             accel_bias_m_s2: vector(&newest.state.bias.accel_m_s2),
             pose_covariance: newest.pose_covariance.map(Real::as_f64),
+            bias_sigma: bias_sigma
+                .map(|sigma| ImuBias { gyro_rad_s: vector(&sigma.gyro_rad_s), accel_m_s2: vector(&sigma.accel_m_s2) }),
         };
         let finite = rotation.coords.iter().chain(pose.world_from_body.translation.vector.iter()).all(|value| value.is_finite());
         finite.then_some(pose)

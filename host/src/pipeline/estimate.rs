@@ -350,7 +350,16 @@ impl<T: Real> Worker<'_, T> {
         });
         let depth_share = self.has_depth.then(|| self.depth_share()).flatten();
         let tracked = self.estimator.report().tracked;
-        FrameResult { outcome: Some(outcome), tracked, track_ms, solve_ms, pose: self.pose_at(stamp), depth, depth_share, ..self.blank(stamp) }
+        FrameResult {
+            outcome: Some(outcome),
+            tracked,
+            track_ms,
+            solve_ms,
+            pose: self.pose_at(stamp),
+            depth,
+            depth_share,
+            ..self.blank(stamp)
+        }
     }
 
     /// Hands a map to the estimator; what it did with it, its next step says.
@@ -413,8 +422,7 @@ impl<T: Real> Worker<'_, T> {
             gyro_bias_rad_s: vector(&newest.state.bias.gyro_rad_s),
             accel_bias_m_s2: vector(&newest.state.bias.accel_m_s2),
             pose_covariance: newest.pose_covariance.map(Real::as_f64),
-            bias_sigma: bias_sigma
-                .map(|sigma| ImuBias { gyro_rad_s: vector(&sigma.gyro_rad_s), accel_m_s2: vector(&sigma.accel_m_s2) }),
+            bias_sigma: bias_sigma.map(|sigma| ImuBias { gyro_rad_s: vector(&sigma.gyro_rad_s), accel_m_s2: vector(&sigma.accel_m_s2) }),
         };
         let finite = rotation.coords.iter().chain(pose.world_from_body.translation.vector.iter()).all(|value| value.is_finite());
         finite.then_some(pose)

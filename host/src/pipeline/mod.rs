@@ -17,10 +17,10 @@ pub use depth::{DepthResult, DepthTimes, DepthUse};
 pub use estimate::{Ended, FrameResult, PoseResult, Refusals, Run, run, run_watched, run_watched_with_depth, run_with_depth};
 pub use figure::{Figure, draw};
 pub use planes_figure::draw_planes;
+pub(crate) use record::nees_over_time;
 pub use record::{
     Consistency, CoreTiming, DepthFigures, LeftOut, PlanesReport, Report, ScaleFigures, Timing, prepare_outputs, write_outputs,
 };
-pub(crate) use record::nees_over_time;
 pub use resources::rss_peak_mb;
 pub use sheet::ContactSheet;
 pub use simulated::{RenderClock, rendered_recording, tracked_recording};

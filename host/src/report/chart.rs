@@ -54,13 +54,15 @@ impl Chart<'_> {
         let mut svg = String::new();
         for stretch in self.stretches.iter().filter(|stretch| stretch.state != "tracking") {
             let (from, width) = (WIDTH * stretch.from_s / span, WIDTH * (stretch.to_s - stretch.from_s) / span);
-            let _ = write!(svg, "<rect class=\"h-{}\" x=\"{from:.1}\" y=\"0\" width=\"{:.1}\" height=\"300\"/>", stretch.state, width.max(2.0));
+            let _ =
+                write!(svg, "<rect class=\"h-{}\" x=\"{from:.1}\" y=\"0\" width=\"{:.1}\" height=\"300\"/>", stretch.state, width.max(2.0));
         }
         if let Some((from, to)) = self.expected {
             let (_, top) = at((0.0, to));
             let (_, bottom) = at((0.0, from));
             let (top, bottom) = (top.clamp(0.0, HEIGHT), bottom.clamp(0.0, HEIGHT));
-            let _ = write!(svg, "<rect class=\"expected\" x=\"0\" y=\"{top:.1}\" width=\"1000\" height=\"{:.1}\"/>", (bottom - top).max(0.0));
+            let _ =
+                write!(svg, "<rect class=\"expected\" x=\"0\" y=\"{top:.1}\" width=\"1000\" height=\"{:.1}\"/>", (bottom - top).max(0.0));
         }
         let (values, times) = (self.ticks(low, high), round_steps(0.0, span, 6));
         let mut grid = String::new();
@@ -74,8 +76,15 @@ impl Chart<'_> {
         for line in &self.lines {
             if let Some((lower, upper)) = &line.area {
                 let (lower, upper) = (thinned(lower, span, false), thinned(upper, span, true));
-                let outline: Vec<_> = upper.iter().chain(lower.iter().rev()).map(|point| at(*point)).collect();
-                let _ = write!(svg, "<path class=\"area {}\" d=\"{}Z\"/>", line.class, path(&outline, f64::INFINITY));
+                // Edges may be given at fewer times than the curve, which is why their pauses may be longer.
+                let pause = (4.0 * self.gap_s).max(2.2 * span / PIECES as f64);
+                let near = |a: &(f64, f64), b: &(f64, f64)| b.0 - a.0 <= pause;
+                let mut d = String::new();
+                for (lower, upper) in lower.chunk_by(near).zip(upper.chunk_by(near)) {
+                    let outline: Vec<_> = upper.iter().chain(lower.iter().rev()).map(|point| at(*point)).collect();
+                    d += &closed(&outline);
+                }
+                let _ = write!(svg, "<path class=\"area {}\" d=\"{d}\"/>", line.class);
             }
         }
         for line in self.lines.iter().filter(|line| !line.points.is_empty()) {
@@ -88,8 +97,10 @@ impl Chart<'_> {
             let share = 100.0 * self.share(*value, low, high);
             let _ = write!(labels, "<span class=\"y\" style=\"bottom:{share:.1}%\">{}</span>", tick(*value, &values, self.is_log));
         }
-        for time in &times {
-            let _ = write!(labels, "<span class=\"x\" style=\"left:{:.1}%\">{}</span>", 100.0 * time / span, tick(*time, &times, false));
+        for (index, time) in times.iter().enumerate() {
+            let unit = if index + 1 == times.len() { " s" } else { "" };
+            let _ =
+                write!(labels, "<span class=\"x\" style=\"left:{:.1}%\">{}{unit}</span>", 100.0 * time / span, tick(*time, &times, false));
         }
         let keys: String = self
             .lines
@@ -167,7 +178,9 @@ pub(super) fn round_steps(low: f64, high: f64, about: usize) -> Vec<f64> {
 /// A number on an axis, with as many digits as its neighbours need.
 pub(super) fn tick(value: f64, all: &[f64], is_log: bool) -> String {
     if is_log {
-        return number(value).trim_end_matches('0').trim_end_matches('.').to_owned();
+        let shown = number(value);
+        // Powers of ten: 0.1, not 0.10.
+        return if shown.contains('.') { shown.trim_end_matches('0').trim_end_matches('.').to_owned() } else { shown };
     }
     let step = all.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
     if !step.is_finite() {
@@ -210,6 +223,23 @@ fn pieces(points: &[(f64, f64)], span: f64) -> impl Iterator<Item = &[(f64, f64)
     points.chunk_by(move |a, b| piece_of(a) == piece_of(b))
 }
 
+/// Around points in the drawing's units.
+pub(super) fn closed(points: &[(f64, f64)]) -> String {
+    joined(points) + "Z"
+}
+
+/// Through all points, without a break.
+pub(super) fn joined(points: &[(f64, f64)]) -> String {
+    let mut d = String::with_capacity(points.len() * 12);
+    for (index, (x, y)) in points.iter().enumerate() {
+        d.push(if index == 0 { 'M' } else { 'L' });
+        coordinate(&mut d, *x);
+        d.push(' ');
+        coordinate(&mut d, *y);
+    }
+    d
+}
+
 /// Through points in the drawing's units, broken where they are farther apart than `gap`.
 pub(super) fn path(points: &[(f64, f64)], gap: f64) -> String {
     let mut d = String::with_capacity(points.len() * 12);
@@ -234,6 +264,7 @@ mod tests {
         let steps = round_steps(-0.013, 0.031, 4);
         assert_eq!(steps.iter().map(|value| tick(*value, &steps, false)).collect::<Vec<_>>(), ["0", "0.02"]);
         assert_eq!(round_steps(1.0, 1.0, 4), [0.0; 0]);
+        assert_eq!([0.1, 1.0, 10.0, 100.0].map(|value| tick(value, &[], true)), ["0.1", "1", "10", "100"]);
     }
 
     #[test]

@@ -131,7 +131,11 @@ fn boxes(groups: &[Group<'_>], pointer: &str, factor: f64, unit: &str) -> String
         for (place, (name, outputs)) in group.variants.iter().enumerate() {
             let values = of(outputs);
             let Some(median) = quantile(&values, 0.5) else {
-                let _ = write!(rows, "<div class=\"row\"><span class=\"name\">{}</span><span class=\"bar\"></span><span>–</span></div>", escape(name));
+                let _ = write!(
+                    rows,
+                    "<div class=\"row\"><span class=\"name\">{}</span><span class=\"bar\"></span><span>–</span></div>",
+                    escape(name)
+                );
                 continue;
             };
             let at = |value: f64| 100.0 * value / most;
@@ -158,8 +162,10 @@ fn boxes(groups: &[Group<'_>], pointer: &str, factor: f64, unit: &str) -> String
                 escape(name)
             );
         }
-        let ends: String =
-            steps.iter().map(|step| format!("<span class=\"x\" style=\"left:{:.1}%\">{}</span>", 100.0 * step / most, tick(*step, &steps, false))).collect();
+        let ends: String = steps
+            .iter()
+            .map(|step| format!("<span class=\"x\" style=\"left:{:.1}%\">{}</span>", 100.0 * step / most, tick(*step, &steps, false)))
+            .collect();
         let _ = write!(
             html,
             "<figure class=\"rows box\"><figcaption><b>{}</b> <span class=\"unit\">{unit}, median at the right</span></figcaption>{rows}\
@@ -191,8 +197,18 @@ fn curves(place: usize, group: &Group<'_>) -> String {
         area: None,
     });
     let id = format!("error-{place}");
-    let chart = Chart { id: &id, title: "Position error", unit: "cm", seconds, from_zero: true, gap_s: 0.5, lines: lines.collect(), ..Chart::default() };
-    let left_out = if all.len() > shown.len() { format!("<p class=\"note\">Curves of the first {MOST_CURVES} runs.</p>") } else { String::new() };
+    let chart = Chart {
+        id: &id,
+        title: "Position error",
+        unit: "cm",
+        seconds,
+        from_zero: true,
+        gap_s: 0.5,
+        lines: lines.collect(),
+        ..Chart::default()
+    };
+    let left_out =
+        if all.len() > shown.len() { format!("<p class=\"note\">Curves of the first {MOST_CURVES} runs.</p>") } else { String::new() };
     let outputs: Vec<&Output> = shown.iter().map(|(_, output)| *output).collect();
     let way = shown.iter().filter_map(|(_, output)| output.number("/path_length_m")).fold(0.0, f64::max);
     let way = if way > 0.0 { format!(", {} flown", length(way)) } else { String::new() };

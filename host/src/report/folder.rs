@@ -157,12 +157,7 @@ pub(super) fn known_class(class: &str) -> &'static str {
 fn poses(path: &Path) -> Result<Vec<Pose>, Fault> {
     let text = read_text(path, "give the output folder of `libella run`")?;
     let pose = |row: Row<'_>| {
-        Ok(Pose {
-            stamp_ns: row.stamp()?.as_nanos(),
-            position: row.numbers(1)?,
-            gyro_bias: row.numbers(11)?,
-            accel_bias: row.numbers(14)?,
-        })
+        Ok(Pose { stamp_ns: row.stamp()?.as_nanos(), position: row.numbers(1)?, gyro_bias: row.numbers(11)?, accel_bias: row.numbers(14)? })
     };
     rows(path, &text, true).map(pose).collect()
 }

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::chart::{Chart, Line, Points};
 use super::folder::{Output, Picture, known_class};
-use super::html::{data_uri, duration, escape, json_for_script, length, number, table};
+use super::html::{data_uri, duration, escape, json_for_script, length, table};
 use super::space::Space;
 use super::verdict::{Figure, Stretch, configuration_in_words, figures, recording_in_words, stretches, verdict};
 use crate::config::Config;
@@ -73,7 +73,7 @@ fn first_screen(output: &Output, stretches: &[Stretch]) -> String {
     format!(
         "<header><p class=\"brand\">libella · report of a run</p><h1>{name}</h1><p class=\"what\">{recording}<br/>{words}</p>\
          <p class=\"verdict {class}\"><b><span class=\"lamp\" aria-hidden=\"true\"></span>{headline}</b> <span>{detail}</span></p>\
-         <div class=\"cards\">{cards}</div>{line}</header>",
+         {line}<div class=\"cards\">{cards}</div></header>",
         name = escape(output.dataset()),
         recording = escape(&recording_in_words(output)),
         words = escape(&configuration_in_words(output).join(" · ")),
@@ -139,7 +139,8 @@ fn health_line(output: &Output, stretches: &[Stretch]) -> String {
     for frame in left_out.take(200) {
         mark("out", "", output.seconds(frame.stamp_ns), "image left out");
     }
-    if let Some(after) = output.number("/initialised_after_s") {
+    let first_pose = output.number("/initialised_after_s");
+    if let Some(after) = first_pose {
         mark("begun", "▲", after, "first pose");
     }
     for stretch in stretches.iter().filter(|stretch| matches!(stretch.state, "degraded" | "lost")).take(40) {
@@ -152,13 +153,16 @@ fn health_line(output: &Output, stretches: &[Stretch]) -> String {
         there.then(|| format!("<span class=\"key\"><i class=\"h-{state}\"></i>{} {}</span>", word_of(state), duration(time)))
     };
     let keys: String = ["initialising", "tracking", "degraded", "lost"].into_iter().filter_map(share).collect();
+    let first_pose = first_pose.map_or("", |_| "<span class=\"key\">▲ first pose</span>");
     let outs = output.frames.iter().filter(|frame| frame.left_out).count();
-    let outs = if outs > 0 { format!("<span class=\"key\"><i class=\"tickmark\"></i>{outs} images left out</span>") } else { String::new() };
+    let outs =
+        if outs > 0 { format!("<span class=\"key\"><i class=\"tickmark\"></i>{outs} images left out</span>") } else { String::new() };
     let waited: Vec<_> = stretches.iter().filter_map(|stretch| stretch.waited_for).collect();
-    let waited = waited.first().map(|what| format!("<span class=\"key\">at first it waited for {}</span>", escape(what))).unwrap_or_default();
+    let waited =
+        waited.first().map(|what| format!("<span class=\"key\">at first it waited for {}</span>", escape(what))).unwrap_or_default();
     format!(
-        "<div class=\"health\" id=\"health\"><div class=\"marks\">{marks}</div>{}<div class=\"ends\"><span>0 s</span><span>{}</span></div>\
-         <p class=\"keys\">{keys}{outs}{waited}</p></div>",
+        "<div class=\"health\" id=\"health\" role=\"img\" aria-label=\"time line of the run\"><div class=\"marks\">{marks}</div>{}<div class=\"ends\"><span>0 s</span><span>{}</span></div>\
+         <p class=\"keys\">{first_pose}{keys}{outs}{waited}</p></div>",
         health_strip(output, stretches),
         duration(output.duration_s())
     )
@@ -202,16 +206,26 @@ fn what_it_saw(output: &Output) -> String {
         return String::new();
     }
     let pictures: String = output.pictures.iter().map(picture).collect();
-    let on_planes = output.pictures.iter().any(|picture| picture.taken.corners.iter().any(|corner| corner.plane.is_some()));
-    let planes = if on_planes {
-        "<span class=\"key p-floor\"><i></i>on the floor</span><span class=\"key p-wall\"><i></i>on a wall</span>\
-         <span class=\"key p-table\"><i></i>on a table</span><span class=\"key p-ceiling\"><i></i>on a ceiling</span>"
+    let mut classes: Vec<_> = output
+        .pictures
+        .iter()
+        .flat_map(|picture| &picture.taken.corners)
+        .filter_map(|corner| corner.plane.as_deref().map(known_class))
+        .collect();
+    classes.sort_unstable();
+    classes.dedup();
+    let planes: String = classes
+        .iter()
+        .map(|class| format!("<span class=\"key p-{class}\"><i></i>on a {class}</span>").replace("a floor", "the floor"))
+        .collect();
+    let maps = if output.pictures.iter().any(|picture| picture.depth.is_some()) {
+        "<span class=\"key\">below: depth of the network from near to far, and its standard deviation</span>"
     } else {
         ""
     };
     format!(
         "<p class=\"keys\"><span class=\"key known\"><i></i>corner with a depth</span><span class=\"key unknown\"><i></i>not known yet</span>{planes}\
-         <span class=\"key\">tails: the last 10 images</span></p><div class=\"pictures\">{pictures}</div>"
+         <span class=\"key\">tails: the last 10 images</span>{maps}</p><div class=\"pictures\">{pictures}</div>"
     )
 }
 
@@ -231,22 +245,18 @@ fn picture(picture: &Picture) -> String {
         }
         let _ = write!(paths, "<circle class=\"{class}\" cx=\"{x:.0}\" cy=\"{y:.0}\" r=\"{}\"/>", width as f64 / 130.0);
     }
-    let maps: String = [
-        ("depth", &picture.depth, &picture.taken.depth, "near", "far"),
-        ("sigma", &picture.sigma, &picture.taken.sigma, "sure", "unsure"),
-    ]
-    .into_iter()
-    .filter_map(|(kind, uri, map, from, to)| {
+    let maps = [("depth", &picture.depth, &picture.taken.depth), ("sigma", &picture.sigma, &picture.taken.sigma)];
+    let maps = maps.into_iter().filter_map(|(kind, uri, map)| {
         let (uri, map) = (uri.as_ref()?, map.as_ref()?);
         let end = |value: f64| if kind == "depth" { length(value) } else { format!("{:.0} %", 100.0 * value) };
         let name = if kind == "depth" { "depth of the network" } else { "its standard deviation" };
         Some(format!(
-            "<div><img alt=\"{name}\" src=\"{uri}\"/><p class=\"scale {kind}\"><span>{from} {}</span><i></i><span>{} {to}</span></p></div>",
+            "<div><img alt=\"{name}\" src=\"{uri}\"/><p class=\"scale {kind}\"><span>{}</span><i></i><span>{}</span></p></div>",
             end(map.range[0]),
             end(map.range[1])
         ))
-    })
-    .collect();
+    });
+    let maps: String = maps.collect();
     let maps = if maps.is_empty() { String::new() } else { format!("<div class=\"maps\">{maps}</div>") };
     let known = picture.taken.corners.iter().filter(|corner| corner.depth_m.is_some()).count();
     let on_planes = picture.taken.corners.iter().filter(|corner| corner.plane.is_some()).count();
@@ -306,8 +316,26 @@ fn curves(output: &Output, stretches: &[Stretch]) -> String {
     let charts = [
         error.html(),
         nees.html(),
-        bias(output, stretches, "gyro-bias", "Gyro bias", "deg/s", 1.0_f64.to_degrees(), |pose| pose.gyro_bias, |frame| frame.sigma_gyro_bias),
-        bias(output, stretches, "accel-bias", "Accelerometer bias", "m/s²", 1.0, |pose| pose.accel_bias, |frame| frame.sigma_accel_bias),
+        bias(
+            output,
+            stretches,
+            "gyro-bias",
+            "Gyro bias, less its last value",
+            "deg/s",
+            1.0_f64.to_degrees(),
+            |pose| pose.gyro_bias,
+            |frame| frame.sigma_gyro_bias,
+        ),
+        bias(
+            output,
+            stretches,
+            "accel-bias",
+            "Accelerometer bias, less its last value",
+            "m/s²",
+            1.0,
+            |pose| pose.accel_bias,
+            |frame| frame.sigma_accel_bias,
+        ),
         Chart {
             id: "tracked",
             title: "Landmarks seen",
@@ -334,8 +362,9 @@ fn bias(
     sigma: impl Fn(&super::frames::Frame) -> Option<[f64; 3]>,
 ) -> String {
     let sigmas: Vec<(i64, [f64; 3])> = output.frames.iter().filter_map(|frame| Some((frame.stamp_ns, sigma(frame)?))).collect();
+    let last = output.poses.last().map(|pose| value(pose).map(|value| factor * value)).unwrap_or_default();
     let lines = [("x", "c1"), ("y", "c3"), ("z", "c2")].into_iter().enumerate().map(|(axis, (name, class))| {
-        let at = |pose: &super::folder::Pose| (output.seconds(pose.stamp_ns), factor * value(pose)[axis]);
+        let at = |pose: &super::folder::Pose| (output.seconds(pose.stamp_ns), factor * value(pose)[axis] - last[axis]);
         let around = |sign: f64| {
             let poses = output.poses.iter().filter_map(|pose| {
                 let place = sigmas.binary_search_by_key(&pose.stamp_ns, |(stamp, _)| *stamp).ok()?;
@@ -347,8 +376,10 @@ fn bias(
         let area = (!sigmas.is_empty()).then(|| (around(-1.0), around(1.0)));
         Line { name: name.into(), class: class.into(), points: output.poses.iter().map(at).collect(), area }
     });
-    let note = if sigmas.is_empty() { "" } else { "Shaded: one standard deviation, as the estimator states it." };
-    Chart { id, title, unit, note: note.into(), lines: lines.collect(), ..blank(output, stretches) }.html()
+    let shaded = if sigmas.is_empty() { "" } else { " Shaded: one standard deviation, as the estimator states it." };
+    let [x, y, z] = last.map(|value| format!("{value:.3}"));
+    let note = format!("At the end {x}, {y}, {z} {unit}.{shaded}");
+    Chart { id, title, unit, note, lines: lines.collect(), ..blank(output, stretches) }.html()
 }
 
 fn depth(output: &Output, stretches: &[Stretch]) -> String {
@@ -383,12 +414,14 @@ fn depth(output: &Output, stretches: &[Stretch]) -> String {
     let mut facts = vec![
         ("source".to_owned(), source.to_owned()),
         ("maps believed".to_owned(), format!("{} of {}", count("believed"), count("images"))),
-        ("rejected, of another scale".to_owned(), number(count("rejected_other_scale"))),
-        ("rejected, no depth of this image".to_owned(), number(count("rejected_no_depth"))),
+        ("rejected, of another scale".to_owned(), format!("{}", count("rejected_other_scale"))),
+        ("rejected, no depth of this image".to_owned(), format!("{}", count("rejected_no_depth"))),
     ];
-    facts.extend(output.number("/depth/observation_share").map(|share| {
-        ("landmarks whose depth began with a map".to_owned(), format!("{:.0} % of those seen", 100.0 * share))
-    }));
+    facts.extend(
+        output
+            .number("/depth/observation_share")
+            .map(|share| ("landmarks whose depth began with a map".to_owned(), format!("{:.0} % of those seen", 100.0 * share))),
+    );
     format!("{}<div class=\"two\">{}{}</div>", table(&facts), scale.html(), network.html())
 }
 
@@ -436,7 +469,12 @@ fn time_and_memory(output: &Output, stretches: &[Stretch]) -> String {
         }
         // Means over pieces, so that the stack stays a stack.
         let above: Points = below.iter().zip(&values).map(|((time, base), (_, value))| (*time, base + value)).collect();
-        lines.push(Line { name: stage.into(), class: format!("s{place}"), points: Vec::new(), area: Some((averaged(&below), averaged(&above))) });
+        lines.push(Line {
+            name: stage.into(),
+            class: format!("s{place}"),
+            points: Vec::new(),
+            area: Some((averaged(&below), averaged(&above))),
+        });
         below = above;
     }
     let stack = Chart {
@@ -446,6 +484,8 @@ fn time_and_memory(output: &Output, stretches: &[Stretch]) -> String {
         from_zero: true,
         note: output.image_interval_ms().map(|interval| format!("An image comes every {interval:.0} ms. Smoothed.")).unwrap_or_default(),
         lines,
+        // Means of many images lie far apart in a long run.
+        gap_s: output.duration_s() / 40.0,
         ..blank(output, stretches)
     };
     let longest = output.number("/core_ms/max").unwrap_or(1.0).max(1e-9);
@@ -496,9 +536,11 @@ fn warnings(output: &Output) -> String {
         let count = remark.get("count").and_then(Value::as_f64).unwrap_or(1.0);
         said.extend(remark.get("first").and_then(Value::as_str).map(|first| format!("{first}{}", times(count))));
     }
-    for (pointer, what) in
-        [("/images_left_out", "images left out"), ("/imu_left_out", "inertial samples left out"), ("/depth/failed", "images without their depth")]
-    {
+    for (pointer, what) in [
+        ("/images_left_out", "images left out"),
+        ("/imu_left_out", "inertial samples left out"),
+        ("/depth/failed", "images without their depth"),
+    ] {
         let first = output.text(&format!("{pointer}/first"));
         said.extend(first.map(|first| format!("{} {what}, first: {first}", output.number(&format!("{pointer}/count")).unwrap_or(0.0))));
     }
@@ -561,9 +603,7 @@ fn protocol(output: &Output) -> String {
              scale. The truth is interpolated at the time of each image, over pauses of {gap} s at most. Poses are those of the inertial unit."
         ));
         said.push("Scale error: the factor on the estimate that would have fitted best, less 1.".to_owned());
-        said.push(
-            "RPE: from every pose to the first one after the given length of the true path, without alignment.".to_owned(),
-        );
+        said.push("RPE: from every pose to the first one after the given length of the true path, without alignment.".to_owned());
         said.push(
             "NEES: the squared error of rotation and position against the stated covariance, after the first pose has been laid onto the truth \
              by translation and heading."

@@ -57,10 +57,12 @@ if (canvas) {
   const kinds = ['point', 'floor', 'wall', 'ceiling', 'table', 'other'];
   const show = { truth: true, points: true, planes: true };
   // The middle and the size of what is known well; stray points far away do not count.
-  const known = [...way, ...truth, ...planes.flatMap(plane => plane.corners)];
-  const axis = k => known.map(p => p[k]);
-  const low = [0, 1, 2].map(k => axis(k).reduce((a, b) => Math.min(a, b), Infinity));
-  const high = [0, 1, 2].map(k => axis(k).reduce((a, b) => Math.max(a, b), -Infinity));
+  const known = [...way, ...truth];
+  const ends = (points, k) => points.reduce(([a, b], p) => [Math.min(a, p[k]), Math.max(b, p[k])], [Infinity, -Infinity]);
+  const flown = [0, 1, 2].map(k => ends(known, k)), room = 0.7 * Math.max(0.1, ...flown.map(([a, b]) => b - a));
+  // Planes count as far as they are near the way.
+  const corners = planes.flatMap(plane => plane.corners).map(p => p.map((v, k) => Math.max(flown[k][0] - room, Math.min(flown[k][1] + room, v))));
+  const box = [0, 1, 2].map(k => ends([...known, ...corners], k)), low = box.map(b => b[0]), high = box.map(b => b[1]);
   const middle = low.map((v, k) => known.length ? (v + high[k]) / 2 : 0);
   const size = known.length ? Math.max(0.3, Math.hypot(...high.map((v, k) => v - low[k]))) : 1;
   const home = { heading: -0.9, height: 0.55, zoom: 1 };

@@ -21,6 +21,8 @@ use crate::planes::name_of as name_of_plane;
 /// Images over the whole run, and images at which tracking broke down.
 const EVEN: usize = 6;
 const BREAKDOWNS: usize = 2;
+/// Images tracked in a row before a breakdown is one.
+const STEADY: usize = 20;
 /// How long an image waits for one that has a depth, in images.
 const PATIENCE: usize = 20;
 /// Images that a trail reaches back.
@@ -78,7 +80,8 @@ pub struct Snapshots {
     wanted: VecDeque<usize>,
     images: usize,
     begun: Option<Timestamp>,
-    was_tracking: bool,
+    /// Images tracked in a row so far.
+    tracked: usize,
     breakdowns: usize,
     trails: HashMap<TrackId, VecDeque<[f64; 2]>>,
     /// Whether any image had a depth so far.
@@ -102,8 +105,8 @@ impl Snapshots {
         let begun = *self.begun.get_or_insert(frame.stamp);
         self.follow(view);
         self.has_depth |= view.depth.is_some();
-        let tracking = frame.health == Health::Tracking;
-        let broke_down = std::mem::replace(&mut self.was_tracking, tracking) && !tracking;
+        let tracked = if frame.health == Health::Tracking { self.tracked + 1 } else { 0 };
+        let broke_down = std::mem::replace(&mut self.tracked, tracked) >= STEADY && tracked == 0;
         let Some(image) = view.image.as_ref().filter(|image| image.width > 0 && image.height > 0) else { return };
         let due = self
             .wanted
@@ -152,7 +155,9 @@ impl Snapshots {
         );
         let sigma = map(
             "sigma",
-            view.depth.as_ref().and_then(|map| of(map, |map, pixel| map.sample(pixel).map(|sample| f64::from(sample.sigma_log)), &SIGMA_COLORS)),
+            view.depth
+                .as_ref()
+                .and_then(|map| of(map, |map, pixel| map.sample(pixel).map(|sample| f64::from(sample.sigma_log)), &SIGMA_COLORS)),
         );
         let rounded = |pixel: &[f64; 2]| pixel.map(|value| (value * 10.0).round() / 10.0);
         let corners = view.corners.iter().map(|corner| Seen {

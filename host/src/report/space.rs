@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use serde_json::{Value, json};
 
-use super::chart::round_steps;
+use super::chart::{closed, joined, round_steps};
 use super::folder::Output;
 use super::html::coordinate;
 use crate::eval::align;
@@ -17,6 +17,8 @@ const MOST_CORNERS: usize = 1_500;
 /// Width of a flat view in its own units, and the shapes it may have.
 const WIDTH: f64 = 1000.0;
 const SHAPES: [f64; 2] = [0.45, 0.85];
+/// How far around the way planes are shown, in extents of the way.
+const ROOM: f64 = 0.7;
 
 /// Everything in one world, turned about the vertical so that the largest wall lies along an axis.
 #[derive(Debug, Clone)]
@@ -71,14 +73,12 @@ impl Space {
     pub fn flat(&self, id: &str, title: &str, across: usize, up: usize) -> String {
         let flat = |point: &[f64; 3]| (point[across], point[up]);
         let corners = self.planes.iter().flat_map(|plane| &plane.corners);
-        let shown = self.way.iter().chain(&self.truth).chain(self.others.iter().flatten()).map(|(_, point)| point).chain(corners).map(flat);
-        let (mut low, mut high) = ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY));
-        for (x, y) in shown.filter(|(x, y)| x.is_finite() && y.is_finite()) {
-            (low, high) = ((low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y)));
-        }
-        if low.0 > high.0 {
-            return String::new();
-        }
+        let ways = self.way.iter().chain(&self.truth).chain(self.others.iter().flatten()).map(|(_, point)| flat(point));
+        let Some((from, to)) = bounds(ways) else { return String::new() };
+        // A plane may reach far beyond the way, which is what matters.
+        let room = ROOM * (to.0 - from.0).max(to.1 - from.1).max(0.1);
+        let clipped = corners.map(flat).map(|(x, y)| (x.clamp(from.0 - room, to.0 + room), y.clamp(from.1 - room, to.1 + room)));
+        let (low, high) = bounds(clipped.chain([from, to])).unwrap_or((from, to));
         let (wide, tall) = ((high.0 - low.0).max(0.2) * 1.1, (high.1 - low.1).max(0.1) * 1.1);
         let shape = (tall / wide).clamp(SHAPES[0], SHAPES[1]);
         let metres = wide.max(tall / shape);
@@ -102,7 +102,7 @@ impl Space {
         let _ = write!(svg, "<path class=\"grid\" d=\"{grid}\"/>");
         for plane in &self.planes {
             let outline: Vec<_> = plane.corners.iter().map(at).collect();
-            let _ = write!(svg, "<path class=\"plane p-{}\" d=\"{}Z\"/>", plane.class, joined(&outline));
+            let _ = write!(svg, "<path class=\"plane p-{}\" d=\"{}\"/>", plane.class, closed(&outline));
         }
         let mut dots = String::new();
         for (point, _) in thinned(&self.points, MOST_FLAT_POINTS) {
@@ -163,11 +163,7 @@ pub(super) fn overlay(id: &str, outputs: &[&Output]) -> String {
     let mut spaces = Vec::new();
     for output in outputs {
         let truth = |stamp: i64| reference.binary_search_by_key(&stamp, |(stamp, _)| *stamp).ok().and_then(|place| reference.get(place));
-        let pairs: Vec<_> = output
-            .frames
-            .iter()
-            .filter_map(|frame| Some((frame.truth?.into(), truth(frame.stamp_ns)?.1.into())))
-            .collect();
+        let pairs: Vec<_> = output.frames.iter().filter_map(|frame| Some((frame.truth?.into(), truth(frame.stamp_ns)?.1.into()))).collect();
         let Some(moved) = align(&pairs).map(|found| found.truth_from_estimate) else { continue };
         let laid = |[x, y, z]: [f64; 3]| (moved * nalgebra::Point3::new(x, y, z)).coords.into();
         let way = output.poses.iter().map(|pose| (output.seconds(pose.stamp_ns), laid(pose.position)));
@@ -181,6 +177,14 @@ pub(super) fn overlay(id: &str, outputs: &[&Output]) -> String {
     space.flat(id, "From above", 0, 1)
 }
 
+fn bounds(points: impl Iterator<Item = (f64, f64)>) -> Option<((f64, f64), (f64, f64))> {
+    let (mut low, mut high) = ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY));
+    for (x, y) in points.filter(|(x, y)| x.is_finite() && y.is_finite()) {
+        (low, high) = ((low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y)));
+    }
+    (low.0 <= high.0).then_some((low, high))
+}
+
 fn thinned<T>(all: &[T], most: usize) -> impl Iterator<Item = &T> {
     all.iter().step_by(all.len().div_ceil(most).max(1))
 }
@@ -191,17 +195,6 @@ fn pieces(curve: &[(f64, [f64; 3])], at: impl Fn(&[f64; 3]) -> (f64, f64)) -> St
     for piece in curve.chunk_by(|a, b| b.0 - a.0 < 0.5) {
         let corners: Vec<_> = thinned(piece, MOST_CORNERS).map(|(_, point)| at(point)).collect();
         d += &joined(&corners);
-    }
-    d
-}
-
-fn joined(corners: &[(f64, f64)]) -> String {
-    let mut d = String::with_capacity(corners.len() * 12);
-    for (index, (x, y)) in corners.iter().enumerate() {
-        d.push(if index == 0 { 'M' } else { 'L' });
-        coordinate(&mut d, *x);
-        d.push(' ');
-        coordinate(&mut d, *y);
     }
     d
 }

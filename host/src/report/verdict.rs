@@ -144,7 +144,7 @@ fn start(output: &Output) -> Figure {
 
 fn time(output: &Output) -> Figure {
     const POINTER: &str = "/core_ms/median";
-    const LABEL: &str = "computing time per image";
+    const LABEL: &str = "time per image";
     let (Some(median), Some(p95)) = (output.number(POINTER), output.number("/core_ms/p95")) else {
         return absent(POINTER, LABEL, "no image was worked on", Light::Unknown);
     };
@@ -213,52 +213,62 @@ fn waits_for(reason: &str) -> Option<&'static str> {
     })
 }
 
+/// Fewer corners than needed for less than this are a hiccup and no trouble, s.
+const SHORTEST_TROUBLE_S: f64 = 0.25;
+
 /// The run in a sentence or two, and the worst of its lights.
 pub(super) fn verdict(output: &Output) -> (Light, String, String) {
     let figures = figures(output);
     let stretches = stretches(output);
+    let [_, _, coverage, late, _] = &figures;
     let poses = output.number("/poses").unwrap_or(0.0);
     let worst = figures.iter().map(|figure| figure.light).filter(|light| *light != Light::Unknown).max().unwrap_or(Light::Unknown);
     let ended = output.text("/ended").unwrap_or("complete");
-    let begun = |state: &str| stretches.iter().filter(|stretch| stretch.state == state).map(|stretch| stretch.from_s).collect::<Vec<_>>();
+    let begun = |state: &str, least_s: f64| {
+        let of = stretches.iter().filter(|stretch| stretch.state == state && stretch.to_s - stretch.from_s >= least_s);
+        of.map(|stretch| stretch.from_s).collect::<Vec<_>>()
+    };
     // A loss that leads to a new start shows as either.
     let again = stretches.windows(2).filter(|pair| pair[0].state != "initialising" && pair[1].state == "initialising");
-    let mut lost = begun("lost");
+    let mut lost = begun("lost", 0.0);
     lost.extend(again.filter(|pair| pair[0].state != "lost").map(|pair| pair[1].from_s));
     lost.sort_by(f64::total_cmp);
-    let degraded = begun("degraded");
+    let degraded = begun("degraded", SHORTEST_TROUBLE_S);
     let times = |at: &[f64]| at.iter().take(4).map(|at| format!("{at:.1} s")).collect::<Vec<_>>().join(", ");
     let often = |at: &[f64]| match at.len() {
         1 => format!("at {}", times(at)),
         2..=4 => format!("{} times: at {}", at.len(), times(at)),
         many => format!("{many} times, first at {}", times(&at[..1])),
     };
+    let poor: Vec<_> = figures.iter().filter(|figure| figure.light == Light::Poor).map(|figure| figure.label).collect();
     let (light, headline) = if poses == 0.0 {
         (Light::Poor, "It never started: there is no trajectory".to_owned())
     } else if ended.starts_with("failed") {
         (Light::Poor, "The estimator failed".to_owned())
+    } else if coverage.light == Light::Poor && late.light == Light::Poor {
+        (Light::Poor, format!("Started only after {}: {} have a pose", late.shown, coverage.more))
     } else if !lost.is_empty() {
         (worst.max_known(Light::Poor), format!("Tracking was lost {}", often(&lost)))
     } else if !degraded.is_empty() {
         (worst.max_known(Light::Fair), format!("Tracked, with too few corners {}", often(&degraded)))
     } else if worst == Light::Poor {
-        (worst, "It kept tracking, but a figure is poor".to_owned())
+        (worst, format!("Tracked from start to end, but poor in {}", poor.join(", ")))
     } else {
         (worst, "Tracked from start to end".to_owned())
     };
     let mut details = Vec::new();
-    match (poses == 0.0, output.number("/ate_rmse_m"), output.number("/path_length_m")) {
-        (true, ..) => {
-            let waited = stretches.iter().rev().find_map(|stretch| stretch.waited_for);
-            details.extend(waited.map(|what| format!("It waited for {what}.")));
-        }
-        (_, Some(error), Some(path)) => {
-            details.push(format!("On average {} away from the truth over {} of flight.", length(error), length(path)));
-        }
+    if late.light == Light::Poor {
+        // The last thing that it waited for before the first pose is what held it up.
+        let start_s = late.value.unwrap_or(f64::INFINITY);
+        let waited = stretches.iter().rev().filter(|stretch| stretch.from_s < start_s).find_map(|stretch| stretch.waited_for);
+        details.extend(waited.map(|what| format!("It waited for {what}.")));
+    }
+    match (output.number("/ate_rmse_m"), output.number("/path_length_m")) {
+        _ if poses == 0.0 => {}
+        (Some(error), Some(path)) => details.push(format!("{} (RMSE) away from the truth over {} of flight.", length(error), length(path))),
         _ => details.push("How far off it is cannot be said: the recording has no true poses.".into()),
     }
-    let poor: Vec<_> = figures.iter().filter(|figure| figure.light == Light::Poor).map(|figure| figure.label).collect();
-    if poses > 0.0 && !poor.is_empty() {
+    if poses > 0.0 && !poor.is_empty() && !headline.contains("poor in") {
         details.push(format!("Poor: {}.", poor.join(", ")));
     }
     if ended != "complete" {
@@ -307,7 +317,8 @@ pub(super) fn configuration_in_words(output: &Output) -> Vec<String> {
 /// The same in a few letters, for tables.
 pub(super) fn variant(output: &Output) -> String {
     let mut name = String::from("inertial");
-    if let Some(source) = output.text("/depth/source").or_else(|| output.text("/configuration/depth/source")).filter(|name| *name != "none") {
+    if let Some(source) = output.text("/depth/source").or_else(|| output.text("/configuration/depth/source")).filter(|name| *name != "none")
+    {
         let source = output.text("/configuration/depth/source").unwrap_or(source);
         let short = source.rsplit(['/', '\\']).next().unwrap_or(source);
         name += &format!(" + depth ({short})");

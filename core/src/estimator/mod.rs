@@ -1,6 +1,7 @@
 //! The one place that knows the order of events.
 
 mod attempt;
+mod biases;
 mod config;
 mod depth;
 mod depth_start;

@@ -5,6 +5,7 @@ mod config;
 mod demo;
 mod depth;
 mod evaluate;
+mod report;
 mod rooms;
 mod run;
 mod simulate;
@@ -37,6 +38,8 @@ enum Command {
     Check(check::Arguments),
     /// Runs a recording through the estimator and writes trajectory, report and picture.
     Run(run::Arguments),
+    /// Makes report.html of an output folder, or one page that compares several.
+    Report(report::Arguments),
     /// Renders a flight through a room into a EuRoC/ASL folder with exact truth.
     Simulate(simulate::Arguments),
     /// Renders single views of many different rooms with their depth: data to train a network with.
@@ -71,6 +74,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
+        Command::Report(arguments) => report::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Rooms(arguments) => rooms::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),

@@ -10,10 +10,10 @@ use libella_host::config::{Config, Scalar};
 use libella_host::dataset::{self, Recording};
 use libella_host::eval::{Evaluation, evaluate};
 use libella_host::fault::{Fault, FaultKind};
-use libella_host::map::FlightRecord;
 use libella_host::network::{DepthNetwork, ModelChoice, Spoil, Spoiled};
-use libella_host::pipeline::{self, DepthFigures, Ended, Figure, FrameResult, Report, Run};
+use libella_host::pipeline::{self, DepthFigures, Ended, Figure, Report, Run, Watch};
 use libella_host::planes;
+use libella_host::report::{self, Snapshots};
 
 use super::{Exit, say, smooth};
 
@@ -49,6 +49,9 @@ pub(crate) struct Arguments {
     /// Afterwards adjusts the whole flight at once and writes `trajectory_smooth.*` beside the causal trajectory.
     #[arg(long)]
     smooth: bool,
+    /// Writes no report.html.
+    #[arg(long)]
+    no_html: bool,
     /// Prints nothing but errors.
     #[arg(long, short)]
     quiet: bool,
@@ -100,7 +103,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let stop = stop_on_interrupt();
     let bar = progress(recording.frames.len(), arguments.quiet);
     let mut contradictions = 0;
-    let observe = |frame: &FrameResult| {
+    let mut snapshots = Snapshots::new(recording.frames.len());
+    let watch = Watch { view: !arguments.no_html, record: arguments.smooth };
+    let (run, record) = pipeline::run_with(&recording, &config, network, watch, &stop, |frame, view| {
+        if let Some(view) = view {
+            snapshots.add(frame, &view);
+        }
         contradictions += usize::from(frame.health == Health::Initialising(Waiting::Agreement));
         if contradictions == CONTRADICTIONS && !arguments.quiet {
             contradictions += 1;
@@ -111,21 +119,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         }
         bar.set_message(word(frame.health));
         bar.inc(1);
-    };
-    let (run, record) = if arguments.smooth {
-        pipeline::run_recorded(&recording, &config, network, &stop, observe)?
-    } else {
-        (pipeline::run_with_depth(&recording, &config, network, &stop, observe)?, FlightRecord::default())
-    };
+    })?;
     bar.finish_and_clear();
     let estimate = run.trajectory();
     let evaluation = recording.truth.as_ref().and_then(|truth| evaluate(&estimate, truth, &config.evaluation).ok());
-    let mut report = Report::new(&recording, &config, &run, evaluation.as_ref());
-    pipeline::write_outputs(&folder, &run, &report)?;
+    let mut figures = Report::new(&recording, &config, &run, evaluation.as_ref());
+    pipeline::write_outputs(&folder, &run, &figures)?;
     let title = format!("{} · {}", recording.name, if config.scalar == Scalar::F64 { "f64" } else { "f32" });
     let figure = Figure {
         title: &title,
-        subtitle: &subtitle(&report),
+        subtitle: &subtitle(&figures),
         estimate: &estimate,
         truth: recording.truth.as_ref(),
         evaluation: evaluation.as_ref(),
@@ -135,10 +138,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         planes::write(&folder, found)?;
         pipeline::draw_planes(&folder, &figure, found)?;
     }
-    if !arguments.quiet {
-        say(&describe(&recording, &report, evaluation.as_ref(), &folder));
+    report::write_data(&folder, &recording, &config, &run, evaluation.as_ref(), Some(&snapshots))?;
+    if !arguments.no_html {
+        report::write_page(&folder)?;
     }
-    let done = exit(&run, &report);
+    if !arguments.quiet {
+        say(&describe(&recording, &figures, evaluation.as_ref(), &folder));
+    }
+    let done = exit(&run, &figures);
     if matches!(done, Exit::NoResult) {
         eprintln!("libella: `libella check {}` looks for the cause", arguments.dataset.display());
     }
@@ -149,7 +156,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         eprintln!("libella: interrupted; the causal trajectory is written, the smooth one is not");
         return Ok(Exit::Interrupted);
     };
-    smooth::write(&recording, &config, &smooth, &mut report, &run, &folder, arguments.quiet)?;
+    smooth::write(&recording, &config, &smooth, &mut figures, &run, &folder, arguments.quiet)?;
     Ok(done)
 }
 

@@ -8,7 +8,7 @@ use super::{FlightRecord, Smooth, smooth};
 use crate::config::Config;
 use crate::dataset::Recording;
 use crate::eval::evaluate;
-use crate::pipeline::{self, Run, tracked_recording};
+use crate::pipeline::{self, Run, Watch, tracked_recording};
 use crate::sim::{AnalyticConfig, FeatureConfig, ImuConfig, MotionKind, SimulationConfig, simulate};
 
 struct Flown {
@@ -29,7 +29,8 @@ fn fly(imu: ImuConfig, sigma_px: f64) -> Flown {
     let mut config = Config::default();
     config.estimator.sigma_px = sigma_px.max(0.4);
     let stop = AtomicBool::new(false);
-    let (run, record) = pipeline::run_recorded(&recording, &config, None, &stop, |_| ()).unwrap();
+    let (run, record) =
+        pipeline::run_with(&recording, &config, None, Watch { record: true, ..Watch::default() }, &stop, |_, _| ()).unwrap();
     Flown { recording, config, run, record }
 }
 

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use libella_core::estimator::{FrameOutcome, Health, InputError};
 use libella_core::image::PyramidPair;
-use libella_core::imu::ImuSample;
+use libella_core::imu::{ImuBias, ImuSample};
 use libella_core::profile::Desktop;
 use libella_core::real::Real;
 use libella_core::time::Timestamp;
@@ -22,13 +22,15 @@ use crate::dataset::{Event, Frames, Recording};
 use crate::eval::{StampedPose, Trajectory};
 use crate::fault::{Fault, FaultKind};
 use crate::map::{FlightRecord, Glance, Recorder};
-use crate::network::{Alike, DepthNetwork};
+use crate::network::{Alike, DepthMap, DepthNetwork};
 use crate::planes::{PlaneFinder, Planes};
 
 /// Room for the pyramids of images up to about 1.5 megapixels; pages that are never touched cost nothing.
 const PYRAMID_BYTES: usize = 2 << 20;
 /// The estimator is built on the stack of its thread before it moves to the heap.
 const STACK_BYTES: usize = 64 << 20;
+/// Poses from one whose biases' uncertainty is asked for to the next: it changes slowly and costs an iteration.
+const BIAS_SIGMA_EVERY: usize = 10;
 
 /// A causal pose: what the estimator knew when the image had been worked on.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,6 +47,8 @@ pub struct PoseResult {
     pub accel_bias_m_s2: Vector3<f64>,
     /// Covariance of `[δφ δp]`, rad and m.
     pub pose_covariance: SMatrix<f64, 6, 6>,
+    /// Standard deviations of the biases, of every tenth pose.
+    pub bias_sigma: Option<ImuBias<f64>>,
 }
 
 /// What became of one image.
@@ -58,6 +62,8 @@ pub struct FrameResult {
     pub health: Health,
     /// Why the image was left out.
     pub refused: Option<String>,
+    /// Landmarks with a depth that the image saw.
+    pub tracked: usize,
     /// Time in `push_imu` since the image before, ms.
     pub imu_ms: f64,
     /// Time in `push_image` or `push_tracks`, ms.
@@ -153,21 +159,23 @@ pub fn run_with_depth(
     run_to(recording, config, stop, network, Watch::default(), |seen| observe(&seen.result))
 }
 
-/// [`run_with_depth`] that also keeps what the map needs of the flight.
+/// [`run_with_depth`] for somebody who also wants to see what the estimator saw, or to keep what the map needs of the flight: `watch` says
+/// what. The record is empty where it is not wanted.
 ///
 /// # Errors
 /// As [`run_with_depth`].
-pub fn run_recorded(
+pub fn run_with(
     recording: &Recording,
     config: &Config,
     network: Option<Box<dyn DepthNetwork>>,
+    watch: Watch,
     stop: &AtomicBool,
-    mut observe: impl FnMut(&FrameResult),
+    mut observe: impl FnMut(&FrameResult, Option<View>),
 ) -> Result<(Run, FlightRecord), Fault> {
     let mut recorder = Recorder::default();
-    let watch = Watch { glance: true, ..Watch::default() };
     let run = run_to(recording, config, stop, network, watch, |seen| {
-        observe(&seen.result);
+        let view = seen.view.take();
+        observe(&seen.result, view);
         if let Some(glance) = seen.glance.take() {
             recorder.add(glance);
         }
@@ -194,9 +202,11 @@ pub fn run_watched(
 
 /// What is wanted of every image beside its result.
 #[derive(Debug, Clone, Copy, Default)]
-struct Watch {
-    view: bool,
-    glance: bool,
+pub struct Watch {
+    /// What the estimator saw in it.
+    pub view: bool,
+    /// What the map needs of it; some 6 KB an image with 200 corners.
+    pub record: bool,
 }
 
 /// The result of an image with what was wanted beside it.
@@ -261,6 +271,10 @@ struct Worker<'a, T: Real> {
     config: &'a Config,
     finder: Option<PlaneFinder>,
     has_depth: bool,
+    /// Whether the maps are kept to be shown, and the newest of them.
+    watched: bool,
+    newest_map: Option<DepthMap>,
+    poses: usize,
     imu_ms: f64,
     refused_imu: Refusals,
 }
@@ -281,6 +295,9 @@ fn work<T: Real>(
         config,
         finder: config.planes.finder().map(PlaneFinder::new).transpose()?,
         has_depth: network.is_some(),
+        watched: watch.view,
+        newest_map: None,
+        poses: 0,
         imu_ms: 0.0,
         refused_imu: Refusals::default(),
     };
@@ -307,8 +324,10 @@ fn work<T: Real>(
                 worker.take_frame(frame.stamp, None, |estimator, _| estimator.push_tracks(frame.stamp, &observations))
             }
         };
-        let view = (watch.view && result.outcome.is_some()).then(|| view::of(&worker.estimator, rig, result.stamp, pixels));
-        let glance = result.outcome.filter(|_| watch.glance).map(|outcome| view::glance(&worker.estimator, result.stamp, outcome));
+        let depth = worker.newest_map.take();
+        let view = (watch.view && result.outcome.is_some())
+            .then(|| View { depth, ..view::of(&worker.estimator, rig, result.stamp, pixels, worker.finder.as_ref()) });
+        let glance = result.outcome.filter(|_| watch.record).map(|outcome| view::glance(&worker.estimator, result.stamp, outcome));
         if sender.send(Seen { result, view, glance }).is_err() || stop.load(Ordering::Relaxed) {
             return Ok((Ended::Interrupted, worker.finder.map(PlaneFinder::finish)));
         }
@@ -361,15 +380,27 @@ impl<T: Real> Worker<'_, T> {
             used: pushed.and_then(|()| did.ok_or_else(|| "the image was not worked on".into())),
         });
         let depth_share = self.has_depth.then(|| self.depth_share()).flatten();
-        FrameResult { outcome: Some(outcome), track_ms, solve_ms, pose: self.pose_at(stamp), depth, depth_share, ..self.blank(stamp) }
+        let tracked = self.estimator.report().tracked;
+        FrameResult {
+            outcome: Some(outcome),
+            tracked,
+            track_ms,
+            solve_ms,
+            pose: self.pose_at(stamp),
+            depth,
+            depth_share,
+            ..self.blank(stamp)
+        }
     }
 
     /// Hands a map to the estimator; what it did with it, its next step says.
     fn take_depth(&mut self, stamp: Timestamp, told: Told) -> (DepthTimes, Result<(), String>) {
         let begun = Instant::now();
         let pushed = told.map.and_then(|map| {
-            let map = depth::view(&map).map_err(|error| error.to_string())?;
-            self.estimator.push_depth(stamp, &map).map_err(|error| error.to_string())
+            let view = depth::view(&map).map_err(|error| error.to_string())?;
+            let pushed = self.estimator.push_depth(stamp, &view).map_err(|error| error.to_string());
+            self.newest_map = self.watched.then_some(map);
+            pushed
         });
         (DepthTimes { push_ms: milliseconds_since(begun), ..told.times }, pushed)
     }
@@ -396,6 +427,7 @@ impl<T: Real> Worker<'_, T> {
             outcome: None,
             health: self.estimator.health(),
             refused: None,
+            tracked: 0,
             imu_ms: std::mem::take(&mut self.imu_ms),
             track_ms: 0.0,
             solve_ms: 0.0,
@@ -407,9 +439,12 @@ impl<T: Real> Worker<'_, T> {
     }
 
     /// The newest state, if it is the one of this image and usable.
-    fn pose_at(&self, stamp: Timestamp) -> Option<PoseResult> {
+    fn pose_at(&mut self, stamp: Timestamp) -> Option<PoseResult> {
         let newest = self.estimator.state().filter(|newest| newest.stamp == stamp)?;
         let state = view::in_f64(&newest.state);
+        let bias_sigma = self.poses.is_multiple_of(BIAS_SIGMA_EVERY).then(|| self.estimator.bias_sigmas()).flatten();
+        self.poses += 1;
+        let vector = |v: &Vector3<T>| v.map(Real::as_f64);
         let pose = PoseResult {
             stamp,
             world_from_body: state.pose(),
@@ -417,6 +452,7 @@ impl<T: Real> Worker<'_, T> {
             gyro_bias_rad_s: state.bias.gyro_rad_s,
             accel_bias_m_s2: state.bias.accel_m_s2,
             pose_covariance: newest.pose_covariance.map(Real::as_f64),
+            bias_sigma: bias_sigma.map(|sigma| ImuBias { gyro_rad_s: vector(&sigma.gyro_rad_s), accel_m_s2: vector(&sigma.accel_m_s2) }),
         };
         let finite =
             state.world_from_body.coords.iter().chain(pose.world_from_body.translation.vector.iter()).all(|value| value.is_finite());

@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::{DepthResult, DepthUse, Ended, PoseResult, Refusals, Run, rss_peak_mb};
 use crate::config::{Config, Scalar};
 use crate::dataset::{Layout, Recording, Remark};
-use crate::eval::{Evaluation, Matched, PoseWithCovariance, RelativeError, Statistics, pose_nees};
+use crate::eval::{Evaluation, Matched, PoseWithCovariance, RelativeError, Statistics, pose_nees_of_each};
 use crate::fault::{Fault, FaultKind};
 use crate::map::{EpochReport, Smooth};
 use crate::planes::{Planes, name_of as name_of_class};
@@ -341,6 +341,13 @@ fn core_timing(run: &Run) -> Option<CoreTiming> {
 }
 
 fn consistency(recording: &Recording, config: &Config, run: &Run) -> Option<Consistency> {
+    let values: Vec<f64> = nees_over_time(recording, config, run)?.into_iter().map(|(_, value)| value).collect();
+    let found = Statistics::of(&values)?;
+    Some(Consistency { mean: found.mean, median: found.median, poses: values.len() })
+}
+
+/// Normalised estimation error squared of the poses that have a truth; nothing where the truth has no vertical in common.
+pub(crate) fn nees_over_time(recording: &Recording, config: &Config, run: &Run) -> Option<Vec<(Timestamp, f64)>> {
     // Without a vertical in common the first pose cannot be laid onto the truth.
     let truth = recording.truth.as_ref().filter(|_| recording.truth_is_level)?;
     #[allow(clippy::cast_possible_truncation)]
@@ -353,9 +360,8 @@ fn consistency(recording: &Recording, config: &Config, run: &Run) -> Option<Cons
             Some(PoseWithCovariance { matched, covariance: pose.pose_covariance })
         })
         .collect();
-    let values = pose_nees(&poses);
-    let found = Statistics::of(&values)?;
-    Some(Consistency { mean: found.mean, median: found.median, poses: values.len() })
+    let stamped = pose_nees_of_each(&poses).into_iter().zip(&poses);
+    Some(stamped.filter_map(|(value, pose)| Some((pose.matched.stamp, value?))).collect())
 }
 
 /// Makes the folder of the results, and finds out before a run whether it can be written to.
@@ -400,6 +406,7 @@ pub fn write_smooth(folder: &Path, smooth: &Smooth) -> Result<(), Fault> {
             accel_bias_m_s2: pose.state.bias.accel_m_s2,
             // Neither format has a place for it.
             pose_covariance: nalgebra::SMatrix::zeros(),
+            bias_sigma: None,
         })
         .collect();
     write(&folder.join("trajectory_smooth.tum"), &tum(poses.iter()))?;

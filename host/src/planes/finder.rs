@@ -178,6 +178,13 @@ impl PlaneFinder {
         self.images = 0;
     }
 
+    /// What the steady plane is that a point in world, m, lies on.
+    #[must_use]
+    pub fn class_at(&self, point: &Vector3<f64>) -> Option<PlaneClass> {
+        let id = self.map.supporting(point, self.config.theta_m, MARGIN_M).filter(|id| self.names.contains_key(id))?;
+        self.map.get(id).map(|plane| plane.class)
+    }
+
     /// What was found.
     #[must_use]
     pub fn finish(mut self) -> Planes {

@@ -82,7 +82,8 @@ pub fn execute(
     })?;
     let jobs = jobs(plan, sequences)?;
     let all = jobs.len();
-    let (mut results, mut left): (Vec<(usize, RunResult)>, Vec<(usize, Job)>) = (Vec::new(), Vec::new());
+    let mut results: Vec<(usize, RunResult)> = Vec::new();
+    let mut left: Vec<(usize, Job)> = Vec::new();
     let mut of_other_builds = 0;
     for (index, job) in jobs.into_iter().enumerate() {
         match job.found(&folder, any_build) {

@@ -8,6 +8,7 @@ mod report;
 mod rooms;
 mod run;
 mod simulate;
+mod smooth;
 
 use std::io::Write as _;
 use std::process::ExitCode;

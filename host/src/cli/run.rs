@@ -11,11 +11,11 @@ use libella_host::dataset::{self, Recording};
 use libella_host::eval::{Evaluation, evaluate};
 use libella_host::fault::{Fault, FaultKind};
 use libella_host::network::{DepthNetwork, ModelChoice, Spoil, Spoiled};
-use libella_host::pipeline::{self, DepthFigures, Ended, Figure, Report, Run};
+use libella_host::pipeline::{self, DepthFigures, Ended, Figure, FrameResult, Report, Run, View};
 use libella_host::planes;
-use libella_host::report::{self, Snapshots};
+use libella_host::report::{Snapshots, write_data, write_page};
 
-use super::{Exit, say};
+use super::{Exit, say, smooth};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -46,6 +46,9 @@ pub(crate) struct Arguments {
     /// Seed of everything random; overrides the configuration.
     #[arg(long)]
     seed: Option<u64>,
+    /// Afterwards adjusts the whole flight at once and writes `trajectory_smooth.*` beside the causal trajectory.
+    #[arg(long)]
+    smooth: bool,
     /// Writes no report.html.
     #[arg(long)]
     no_html: bool,
@@ -101,7 +104,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let bar = progress(recording.frames.len(), arguments.quiet);
     let mut contradictions = 0;
     let mut snapshots = Snapshots::new(recording.frames.len());
-    let run = pipeline::run_watched_with_depth(&recording, &config, network, &stop, |frame, view| {
+    let observe = |frame: &FrameResult, view: Option<View>| {
         if let Some(view) = view.filter(|_| !arguments.no_html) {
             snapshots.add(frame, &view);
         }
@@ -115,16 +118,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         }
         bar.set_message(word(frame.health));
         bar.inc(1);
-    })?;
+    };
+    let (run, record) = pipeline::run_watched_with_depth(&recording, &config, network, &stop, arguments.smooth, observe)?;
     bar.finish_and_clear();
     let estimate = run.trajectory();
     let evaluation = recording.truth.as_ref().and_then(|truth| evaluate(&estimate, truth, &config.evaluation).ok());
-    let figures = Report::new(&recording, &config, &run, evaluation.as_ref());
-    pipeline::write_outputs(&folder, &run, &figures)?;
+    let mut report = Report::new(&recording, &config, &run, evaluation.as_ref());
+    pipeline::write_outputs(&folder, &run, &report)?;
     let title = format!("{} · {}", recording.name, if config.scalar == Scalar::F64 { "f64" } else { "f32" });
     let figure = Figure {
         title: &title,
-        subtitle: &subtitle(&figures),
+        subtitle: &subtitle(&report),
         estimate: &estimate,
         truth: recording.truth.as_ref(),
         evaluation: evaluation.as_ref(),
@@ -134,14 +138,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         planes::write(&folder, found)?;
         pipeline::draw_planes(&folder, &figure, found)?;
     }
-    report::write_data(&folder, &recording, &config, &run, evaluation.as_ref(), Some(&snapshots))?;
-    if !arguments.no_html {
-        report::write_page(&folder)?;
-    }
+    write_data(&folder, &recording, &config, &run, evaluation.as_ref(), Some(&snapshots))?;
+    let page = || if arguments.no_html { Ok(()) } else { write_page(&folder).map(|_| ()) };
+    page()?;
     if !arguments.quiet {
-        say(&describe(&recording, &figures, evaluation.as_ref(), &folder));
+        say(&describe(&recording, &report, evaluation.as_ref(), &folder));
     }
-    Ok(exit(&run, &figures))
+    let done = exit(&run, &report);
+    if !(arguments.smooth && matches!(done, Exit::Done)) {
+        return Ok(done);
+    }
+    let Some(smooth) = smooth::run(&recording, &config, (&run, &record), &stop, arguments.quiet)? else {
+        eprintln!("libella: interrupted; the causal trajectory is written, the smooth one is not");
+        return Ok(Exit::Interrupted);
+    };
+    smooth::write(&recording, &config, &smooth, &mut report, &run, &folder, arguments.quiet)?;
+    page()?;
+    Ok(done)
 }
 
 /// What gives depth, ready for the images of the recording.
@@ -184,6 +197,7 @@ pub(super) fn word(health: Health) -> &'static str {
             Waiting::Excitation => "initialising: waits for acceleration",
             Waiting::Gravity => "initialising: specific force is far from gravity, check units and axes",
             Waiting::Agreement => "initialising: vision and inertial samples contradict each other, check T_BS, time stamps and sigma_px",
+            Waiting::Computation => "initialising: computes the start",
             _ => "initialising",
         },
         Health::Tracking => "tracking",

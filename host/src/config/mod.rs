@@ -354,7 +354,7 @@ impl Config {
     /// The bound of one step.
     #[must_use]
     pub fn budget(&self) -> StepBudget {
-        StepBudget { iterations: self.estimator.iterations }
+        StepBudget { iterations: self.estimator.iterations, ..StepBudget::default() }
     }
 }
 

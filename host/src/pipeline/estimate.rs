@@ -13,7 +13,7 @@ use libella_core::real::Real;
 use libella_core::time::Timestamp;
 use libella_core::track::Observation;
 use libella_core::window::DepthSource;
-use nalgebra::{Isometry3, Quaternion, SMatrix, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, SMatrix, Vector3};
 
 use super::depth::{self, DepthResult, DepthTimes, DepthUse, EventsWithDepth, Told};
 use super::view::{self, View};
@@ -21,6 +21,7 @@ use crate::config::{Config, Scalar};
 use crate::dataset::{Event, Frames, Recording};
 use crate::eval::{StampedPose, Trajectory};
 use crate::fault::{Fault, FaultKind};
+use crate::map::{FlightRecord, Glance, Recorder};
 use crate::network::{DepthMap, DepthNetwork};
 use crate::planes::{PlaneFinder, Planes};
 
@@ -141,7 +142,7 @@ impl Run {
 /// # Errors
 /// When no thread can be started. Faults of single inputs are in the results instead.
 pub fn run(recording: &Recording, config: &Config, stop: &AtomicBool, mut observe: impl FnMut(&FrameResult)) -> Result<Run, Fault> {
-    run_to(recording, config, stop, None, false, |frame, _| observe(frame))
+    run_to(recording, config, stop, None, Watch::default(), |seen| observe(&seen.result))
 }
 
 /// [`run`] with a source of depth, which works in a thread of its own ahead of the estimator. The results do not depend on how fast it is.
@@ -155,11 +156,33 @@ pub fn run_with_depth(
     stop: &AtomicBool,
     mut observe: impl FnMut(&FrameResult),
 ) -> Result<Run, Fault> {
-    check_depth(recording, network.as_deref())?;
-    run_to(recording, config, stop, network, false, |frame, _| observe(frame))
+    run_to(recording, config, stop, network, Watch::default(), |seen| observe(&seen.result))
 }
 
-/// [`run_with_depth`] for somebody who also wants to see what the estimator saw in each image that it took.
+/// [`run_with_depth`] that also keeps what the map needs of the flight.
+///
+/// # Errors
+/// As [`run_with_depth`].
+pub fn run_recorded(
+    recording: &Recording,
+    config: &Config,
+    network: Option<Box<dyn DepthNetwork>>,
+    stop: &AtomicBool,
+    mut observe: impl FnMut(&FrameResult),
+) -> Result<(Run, FlightRecord), Fault> {
+    let mut recorder = Recorder::default();
+    let watch = Watch { glance: true, ..Watch::default() };
+    let run = run_to(recording, config, stop, network, watch, |seen| {
+        observe(&seen.result);
+        if let Some(glance) = seen.glance.take() {
+            recorder.add(glance);
+        }
+    })?;
+    Ok((run, recorder.finish()))
+}
+
+/// [`run_with_depth`] for somebody who also wants to see what the estimator saw in each image that it took, and, with `keep`, what the
+/// map needs of the flight.
 ///
 /// # Errors
 /// As [`run_with_depth`].
@@ -168,15 +191,18 @@ pub fn run_watched_with_depth(
     config: &Config,
     network: Option<Box<dyn DepthNetwork>>,
     stop: &AtomicBool,
-    observe: impl FnMut(&FrameResult, Option<View>),
-) -> Result<Run, Fault> {
-    check_depth(recording, network.as_deref())?;
-    run_to(recording, config, stop, network, true, observe)
-}
-
-fn check_depth(recording: &Recording, network: Option<&dyn DepthNetwork>) -> Result<(), Fault> {
-    let has_images = !matches!(recording.frames, Frames::Tracks(_));
-    network.map_or(Ok(()), |network| depth::check(network, has_images))
+    keep: bool,
+    mut observe: impl FnMut(&FrameResult, Option<View>),
+) -> Result<(Run, FlightRecord), Fault> {
+    let mut recorder = Recorder::default();
+    let run = run_to(recording, config, stop, network, Watch { view: true, glance: keep }, |seen| {
+        let view = seen.view.take();
+        observe(&seen.result, view);
+        if let Some(glance) = seen.glance.take() {
+            recorder.add(glance);
+        }
+    })?;
+    Ok((run, recorder.finish()))
 }
 
 /// [`run`] for somebody who also wants to see what the estimator saw in each image that it took.
@@ -187,9 +213,27 @@ pub fn run_watched(
     recording: &Recording,
     config: &Config,
     stop: &AtomicBool,
-    observe: impl FnMut(&FrameResult, Option<View>),
+    mut observe: impl FnMut(&FrameResult, Option<View>),
 ) -> Result<Run, Fault> {
-    run_to(recording, config, stop, None, true, observe)
+    let watch = Watch { view: true, ..Watch::default() };
+    run_to(recording, config, stop, None, watch, |seen| {
+        let view = seen.view.take();
+        observe(&seen.result, view);
+    })
+}
+
+/// What is wanted of every image beside its result.
+#[derive(Debug, Clone, Copy, Default)]
+struct Watch {
+    view: bool,
+    glance: bool,
+}
+
+/// The result of an image with what was wanted beside it.
+struct Seen {
+    result: FrameResult,
+    view: Option<View>,
+    glance: Option<Glance>,
 }
 
 fn run_to(
@@ -197,17 +241,20 @@ fn run_to(
     config: &Config,
     stop: &AtomicBool,
     network: Option<Box<dyn DepthNetwork>>,
-    watched: bool,
-    mut observe: impl FnMut(&FrameResult, Option<View>),
+    watch: Watch,
+    mut observe: impl FnMut(&mut Seen),
 ) -> Result<Run, Fault> {
+    if let Some(network) = &network {
+        depth::check(network.as_ref(), !matches!(recording.frames, Frames::Tracks(_)))?;
+    }
     let begun = Instant::now();
     let depth_source = network.as_ref().map(DepthNetwork::describe);
     let (sender, receiver) = channel();
     let mut frames = Vec::with_capacity(recording.frames.len());
     let (ended, planes) = std::thread::scope(|scope| {
         let work = move || match config.scalar {
-            Scalar::F64 => work::<f64>(recording, config, stop, network, watched, &sender),
-            Scalar::F32 => work::<f32>(recording, config, stop, network, watched, &sender),
+            Scalar::F64 => work::<f64>(recording, config, stop, network, watch, &sender),
+            Scalar::F32 => work::<f32>(recording, config, stop, network, watch, &sender),
         };
         let thread = std::thread::Builder::new()
             .name("estimator".into())
@@ -216,9 +263,9 @@ fn run_to(
             .map_err(|error| {
                 Fault::new(FaultKind::Output, format!("no thread for the estimator ({error})"), "free memory or raise the limit")
             })?;
-        for (frame, view) in receiver {
-            observe(&frame, view);
-            frames.push(frame);
+        for mut seen in receiver {
+            observe(&mut seen);
+            frames.push(seen.result);
         }
         match thread.join() {
             Ok(Ok(Ok(finished))) => Ok(finished),
@@ -254,8 +301,8 @@ fn work<T: Real>(
     config: &Config,
     stop: &AtomicBool,
     network: Option<Box<dyn DepthNetwork>>,
-    watched: bool,
-    sender: &Sender<(FrameResult, Option<View>)>,
+    watch: Watch,
+    sender: &Sender<Seen>,
 ) -> Result<(Ended, Option<Planes>), Fault> {
     let rig = &recording.rig;
     let settings = config.estimator_config::<T>(&rig.imu_noise);
@@ -265,7 +312,7 @@ fn work<T: Real>(
         config,
         finder: config.planes.finder().map(PlaneFinder::new).transpose()?,
         has_depth: network.is_some(),
-        watched,
+        watched: watch.view,
         newest_map: None,
         poses: 0,
         imu_ms: 0.0,
@@ -295,9 +342,10 @@ fn work<T: Real>(
             }
         };
         let depth = worker.newest_map.take();
-        let view = (watched && result.outcome.is_some())
+        let view = (watch.view && result.outcome.is_some())
             .then(|| View { depth, ..view::of(&worker.estimator, rig, result.stamp, pixels, worker.finder.as_ref()) });
-        if sender.send((result, view)).is_err() || stop.load(Ordering::Relaxed) {
+        let glance = result.outcome.filter(|_| watch.glance).map(|outcome| view::glance(&worker.estimator, result.stamp, outcome));
+        if sender.send(Seen { result, view, glance }).is_err() || stop.load(Ordering::Relaxed) {
             return Ok((Ended::Interrupted, worker.finder.map(PlaneFinder::finish)));
         }
     }
@@ -413,18 +461,18 @@ impl<T: Real> Worker<'_, T> {
         let bias_sigma = self.poses.is_multiple_of(BIAS_SIGMA_EVERY).then(|| self.estimator.bias_sigmas()).flatten();
         self.poses += 1;
         let vector = |v: &Vector3<T>| v.map(Real::as_f64);
-        let q = newest.state.world_from_body.quaternion();
-        let rotation = UnitQuaternion::new_normalize(Quaternion::new(q.w.as_f64(), q.i.as_f64(), q.j.as_f64(), q.k.as_f64()));
+        let state = view::in_f64(&newest.state);
         let pose = PoseResult {
             stamp,
-            world_from_body: Isometry3::from_parts(Translation3::from(vector(&newest.state.position_in_world)), rotation),
-            velocity_in_world: vector(&newest.state.velocity_in_world),
-            gyro_bias_rad_s: vector(&newest.state.bias.gyro_rad_s),
-            accel_bias_m_s2: vector(&newest.state.bias.accel_m_s2),
+            world_from_body: state.pose(),
+            velocity_in_world: state.velocity_in_world,
+            gyro_bias_rad_s: state.bias.gyro_rad_s,
+            accel_bias_m_s2: state.bias.accel_m_s2,
             pose_covariance: newest.pose_covariance.map(Real::as_f64),
             bias_sigma: bias_sigma.map(|sigma| ImuBias { gyro_rad_s: vector(&sigma.gyro_rad_s), accel_m_s2: vector(&sigma.accel_m_s2) }),
         };
-        let finite = rotation.coords.iter().chain(pose.world_from_body.translation.vector.iter()).all(|value| value.is_finite());
+        let finite =
+            state.world_from_body.coords.iter().chain(pose.world_from_body.translation.vector.iter()).all(|value| value.is_finite());
         finite.then_some(pose)
     }
 }

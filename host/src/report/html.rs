@@ -64,7 +64,7 @@ pub(super) fn duration(seconds: f64) -> String {
 pub(super) fn number(value: f64) -> String {
     match value.abs() {
         0.0 => "0".into(),
-        size if size < 1e-3 || size >= 1e5 => format!("{value:.1e}"),
+        size if !(1e-3..1e5).contains(&size) => format!("{value:.1e}"),
         size if size < 0.01 => format!("{value:.4}"),
         size if size < 0.1 => format!("{value:.3}"),
         size if size < 10.0 => format!("{value:.2}"),

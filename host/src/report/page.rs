@@ -63,7 +63,7 @@ pub(super) fn page(output: &Output) -> String {
 
 fn section(body: &mut String, id: &str, title: &str, content: &str) {
     if !content.is_empty() {
-        let _ = write!(body, "<section id=\"{id}\"><h2>{title}</h2>{content}</section>\n");
+        let _ = writeln!(body, "<section id=\"{id}\"><h2>{title}</h2>{content}</section>");
     }
 }
 
@@ -564,6 +564,7 @@ fn all_figures(output: &Output) -> String {
     add("ATE, 95 %", metres("/ate_m/p95"));
     add("ATE, largest", metres("/ate_m/max"));
     add("way flown", metres("/path_length_m"));
+    add("ATE of the smooth trajectory, RMSE", metres("/smooth/ate_rmse_m"));
     let nees = output.number("/pose_nees/mean").zip(output.number("/pose_nees/median"));
     add("NEES of the pose, 6 is right", nees.map(|(mean, median)| format!("{mean:.2} mean, {median:.2} median")));
     for (outcome, count) in output.report.pointer("/outcomes").and_then(Value::as_object).into_iter().flatten() {

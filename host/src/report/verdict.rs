@@ -209,6 +209,7 @@ fn waits_for(reason: &str) -> Option<&'static str> {
         "excitation" => "acceleration",
         "gravity" => "a specific force like gravity (check units and axes)",
         "agreement" => "vision and inertial samples to agree (check T_BS and time stamps)",
+        "computation" => "the start to be computed",
         _ => return None,
     })
 }

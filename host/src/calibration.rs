@@ -106,6 +106,12 @@ struct MatrixYaml {
 }
 
 #[derive(Deserialize)]
+struct ExtrinsicsYaml {
+    #[serde(rename = "T_BS")]
+    extrinsics: Option<MatrixYaml>,
+}
+
+#[derive(Deserialize)]
 struct CameraYaml {
     #[serde(rename = "T_BS")]
     extrinsics: Option<MatrixYaml>,
@@ -198,6 +204,15 @@ pub fn read_imu(path: &Path) -> Result<ImuCalibration, Fault> {
     };
     let body_from_imu = yaml.extrinsics.map_or_else(|| Ok(Isometry3::identity()), |matrix| pose(path, &matrix.data))?;
     Ok(ImuCalibration { noise, body_from_imu })
+}
+
+/// Reads `T_BS` of any `sensor.yaml`: the pose of the sensor on the body, the identity where it does not say.
+///
+/// # Errors
+/// When the file is absent or damaged, or what it says is no rigid transform.
+pub fn read_extrinsics(path: &Path) -> Result<Isometry3<f64>, Fault> {
+    let yaml: ExtrinsicsYaml = parse(path)?;
+    yaml.extrinsics.map_or_else(|| Ok(Isometry3::identity()), |matrix| pose(path, &matrix.data))
 }
 
 fn parse<D: for<'de> Deserialize<'de>>(path: &Path) -> Result<D, Fault> {

@@ -1,5 +1,6 @@
 //! One file per subcommand; here is what they share: arguments and exit codes.
 
+mod check;
 mod config;
 mod demo;
 mod depth;
@@ -9,6 +10,7 @@ mod rooms;
 mod run;
 mod simulate;
 mod smooth;
+mod suite;
 
 use std::io::Write as _;
 use std::process::ExitCode;
@@ -19,7 +21,8 @@ use libella_host::fault::{Fault, FaultKind};
 /// Monocular visual-inertial odometry in fixed memory.
 ///
 /// Exit codes: 0 done, 2 wrong command line or configuration, 3 the data cannot be used, 4 no trajectory came out,
-/// 5 results cannot be written, 70 the estimator failed, 130 interrupted (results so far are written).
+/// 5 results cannot be written, 6 `check` found a fault, 7 a figure is above the threshold of `evaluate --fail-above`, 70 the estimator failed,
+/// 130 interrupted (results so far are written).
 #[derive(Parser)]
 #[command(name = "libella", version, arg_required_else_help = true)]
 struct Arguments {
@@ -31,6 +34,8 @@ struct Arguments {
 enum Command {
     /// Renders a flight and runs the odometry on it at once: needs no data.
     Demo(demo::Arguments),
+    /// Finds out what is wrong with a recording before it is run: units, axes, stamps, calibration, noise, motion.
+    Check(check::Arguments),
     /// Runs a recording through the estimator and writes trajectory, report and picture.
     Run(run::Arguments),
     /// Makes report.html of an output folder, or one page that compares several.
@@ -39,7 +44,7 @@ enum Command {
     Simulate(simulate::Arguments),
     /// Renders single views of many different rooms with their depth: data to train a network with.
     Rooms(rooms::Arguments),
-    /// Compares a trajectory with the truth (TUM or EuRoC files).
+    /// Compares a trajectory with the truth (TUM or EuRoC files), or runs a whole suite of recordings and makes its table.
     Evaluate(evaluate::Arguments),
     /// Draws what a network says of one image: depth and uncertainty beside it.
     Depth(depth::Arguments),
@@ -51,6 +56,10 @@ enum Command {
 pub(crate) enum Exit {
     Done,
     NoResult,
+    /// `check` found a fault in the recording.
+    Faulty,
+    /// A figure of a suite is above the threshold.
+    AboveThreshold,
     EstimatorFailed,
     Interrupted,
 }
@@ -63,6 +72,7 @@ pub(crate) fn say(text: &str) {
 pub(crate) fn main() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Demo(arguments) => demo::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
@@ -74,6 +84,8 @@ pub(crate) fn main() -> ExitCode {
     match done {
         Ok(Exit::Done) => ExitCode::SUCCESS,
         Ok(Exit::NoResult) => ExitCode::from(4),
+        Ok(Exit::Faulty) => ExitCode::from(6),
+        Ok(Exit::AboveThreshold) => ExitCode::from(7),
         Ok(Exit::EstimatorFailed) => ExitCode::from(70),
         Ok(Exit::Interrupted) => ExitCode::from(130),
         Err(fault) => {

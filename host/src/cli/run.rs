@@ -145,6 +145,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         say(&describe(&recording, &report, evaluation.as_ref(), &folder));
     }
     let done = exit(&run, &report);
+    if matches!(done, Exit::NoResult) {
+        eprintln!("libella: `libella check {}` looks for the cause", arguments.dataset.display());
+    }
     if !(arguments.smooth && matches!(done, Exit::Done)) {
         return Ok(done);
     }

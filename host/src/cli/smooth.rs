@@ -10,6 +10,7 @@ use libella_host::eval::evaluate;
 use libella_host::fault::Fault;
 use libella_host::map::{self, FlightRecord, Smooth};
 use libella_host::pipeline::{self, Report, Run, SmoothReport};
+use libella_host::planes::Planes;
 
 use super::say;
 
@@ -17,7 +18,7 @@ use super::say;
 pub(super) fn run(
     recording: &Recording,
     config: &Config,
-    record: &FlightRecord,
+    (run, record): (&Run, &FlightRecord),
     stop: &AtomicBool,
     quiet: bool,
 ) -> Result<Option<Smooth>, Fault> {
@@ -25,7 +26,8 @@ pub(super) fn run(
     let bar = ProgressBar::with_draw_target(None, target);
     let style = ProgressStyle::with_template("smoothing  step {pos}  {msg}");
     let bar = bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
-    let smooth = map::smooth(record, recording, config, stop, |progress| {
+    let planes = run.planes.as_ref().filter(|_| config.planes.used).map(Planes::standing).unwrap_or_default();
+    let smooth = map::smooth(record, recording, config, &planes, stop, |progress| {
         let (round, rounds) = progress.round;
         let (keyframes, landmarks) = progress.size;
         let epoch = if progress.epoch.1 > 1 { format!("part {} of {}, ", progress.epoch.0 + 1, progress.epoch.1) } else { String::new() };

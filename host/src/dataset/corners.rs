@@ -11,7 +11,7 @@ use libella_core::track::{Observation, TrackId};
 use nalgebra::Vector2;
 
 use super::table::rows;
-use super::{Frames, Layout, Recording, RemarkKind, TrackFrame, imu, remark};
+use super::{Frames, Layout, Purpose, Recording, RemarkKind, TrackFrame, imu, remark};
 use crate::calibration::{Rig, read_camera, read_imu};
 use crate::config::DatasetSection;
 use crate::eval::Trajectory;
@@ -20,7 +20,7 @@ use crate::fault::{Fault, read_text};
 const CORNERS_PER_TAG: u32 = 4;
 
 /// Opens a folder that holds `tracks_cam0.csv`.
-pub(super) fn open(path: &Path, options: &DatasetSection) -> Result<Recording, Fault> {
+pub(super) fn open(purpose: Purpose, path: &Path, options: &DatasetSection) -> Result<Recording, Fault> {
     let mut remarks = Vec::new();
     let camera_file = path.join("cam0").join("sensor.yaml");
     let imu_file = path.join("imu0").join("sensor.yaml");
@@ -36,7 +36,7 @@ pub(super) fn open(path: &Path, options: &DatasetSection) -> Result<Recording, F
         rig.imu_noise = inertial.noise;
         rig.body_from_camera = inertial.body_from_imu.inverse() * rig.body_from_camera;
     }
-    let samples = imu::read(&path.join("imu0.csv"), options, &mut remarks)?;
+    let samples = imu::read(purpose, &path.join("imu0.csv"), options, &mut remarks)?;
     let frames = read_tracks(&path.join("tracks_cam0.csv"), options.reacquired_corner_is_new)?;
     let pnp = path.join("pnp_cam0_in_target.csv");
     let truth = if pnp.is_file() { Some(Trajectory::read(&pnp)?.attached(&rig.body_from_camera.inverse())) } else { None };

@@ -6,7 +6,7 @@ use libella_core::imu::ImuSample;
 use nalgebra::Vector3;
 
 use super::table::rows;
-use super::{Remark, RemarkKind, remark};
+use super::{Purpose, Remark, RemarkKind, remark};
 use crate::config::DatasetSection;
 use crate::fault::{Fault, read_text};
 
@@ -18,7 +18,12 @@ const SATURATED_RUN: usize = 3;
 const GRAVITY_SAMPLES: usize = 200;
 
 /// Reads `stamp, gyro x y z (rad/s), accel x y z (m/s²)`.
-pub(super) fn read(path: &Path, options: &DatasetSection, remarks: &mut Vec<Remark>) -> Result<Vec<ImuSample<f64>>, Fault> {
+pub(super) fn read(
+    purpose: Purpose,
+    path: &Path,
+    options: &DatasetSection,
+    remarks: &mut Vec<Remark>,
+) -> Result<Vec<ImuSample<f64>>, Fault> {
     let text = read_text(path, "a recording needs its inertial samples: copy the folder again, whole")?;
     let mut samples: Vec<ImuSample<f64>> = Vec::new();
     for row in rows(path, &text, true) {
@@ -26,6 +31,10 @@ pub(super) fn read(path: &Path, options: &DatasetSection, remarks: &mut Vec<Rema
         let stamp = row.stamp()?;
         if let Some(last) = samples.last() {
             let step_ms = (stamp - last.stamp).as_seconds::<f64>() * 1e3;
+            if stamp < last.stamp && purpose == Purpose::Check {
+                remark(remarks, RemarkKind::ImuOrder, || format!("{} line {}: time stamp goes back", path.display(), row.line));
+                continue;
+            }
             if stamp < last.stamp {
                 return Err(row.fault(format!("time stamp goes back by {:.3} ms", -step_ms), "sort the file by its first column"));
             }
@@ -47,7 +56,9 @@ pub(super) fn read(path: &Path, options: &DatasetSection, remarks: &mut Vec<Rema
     if samples.len() < 2 {
         return Err(Fault::malformed(path, format!("has {} inertial samples", samples.len()), "the file is cut off: copy it again"));
     }
-    check_gravity(path, &samples, remarks)?;
+    if purpose == Purpose::Run {
+        check_gravity(path, &samples, remarks)?;
+    }
     report_saturation(path, &samples, remarks);
     Ok(samples)
 }

@@ -152,6 +152,8 @@ pub enum RemarkKind {
     ImuGap,
     /// An inertial time stamp occurs twice; the second sample is left out.
     ImuDuplicate,
+    /// An inertial time stamp goes back; the sample is left out. Only of recordings opened to be checked.
+    ImuOrder,
     /// An axis of the inertial unit stays at its largest value.
     ImuSaturated,
     /// Specific force far from gravity at the start.
@@ -160,6 +162,8 @@ pub enum RemarkKind {
     ImageGap,
     /// An image time stamp occurs twice; the second image is left out.
     ImageDuplicate,
+    /// An image time stamp goes back; the image is left out. Only of recordings opened to be checked.
+    ImageOrder,
     /// Images before the first or after the last inertial sample are left out.
     ImagesWithoutImu,
     /// A truth stamp occurs twice; the second pose is left out.
@@ -205,17 +209,40 @@ pub enum Event {
     Tracks(TrackFrame),
 }
 
+/// What a recording is opened for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Purpose {
+    /// To be run: what cannot give a trajectory is refused.
+    Run,
+    /// To be checked: refused is only what cannot be read.
+    Check,
+}
+
 /// Opens a recording and checks all of its tables.
 ///
 /// # Errors
 /// When the folder is no recording, or one of its files is absent, damaged, out of order, or not finite.
 pub fn open(path: &Path, options: &DatasetSection) -> Result<Recording, Fault> {
+    open_for(Purpose::Run, path, options)
+}
+
+/// Opens a recording to find out what is wrong with it: units, sizes, clocks and order that [`open`] refuses are left as they are.
+/// Frames may lie outside of the inertial samples.
+///
+/// # Errors
+/// When the folder is no recording, or one of its files is absent, damaged, or not finite.
+pub fn open_to_check(path: &Path, options: &DatasetSection) -> Result<Recording, Fault> {
+    open_for(Purpose::Check, path, options)
+}
+
+fn open_for(purpose: Purpose, path: &Path, options: &DatasetSection) -> Result<Recording, Fault> {
     if !path.is_dir() {
         let what = if path.exists() { "is not a folder" } else { "there is no such folder" };
         return Err(Fault::missing(path, what, "give the folder of a recording, for EuRoC the one that holds `mav0`"));
     }
-    let mut recording = if path.join("tracks_cam0.csv").is_file() { corners::open(path, options)? } else { euroc::open(path, options)? };
-    keep_frames_with_imu(&mut recording, path)?;
+    let mut recording =
+        if path.join("tracks_cam0.csv").is_file() { corners::open(purpose, path, options)? } else { euroc::open(purpose, path, options)? };
+    keep_frames_with_imu(purpose, &mut recording, path)?;
     report_image_gaps(&mut recording, path, options);
     if recording.truth.is_none() {
         remark(&mut recording.remarks, RemarkKind::NoTruth, || {
@@ -225,11 +252,15 @@ pub fn open(path: &Path, options: &DatasetSection) -> Result<Recording, Fault> {
     Ok(recording)
 }
 
-fn keep_frames_with_imu(recording: &mut Recording, path: &Path) -> Result<(), Fault> {
+fn keep_frames_with_imu(purpose: Purpose, recording: &mut Recording, path: &Path) -> Result<(), Fault> {
     let (Some(first), Some(last)) = (recording.imu.first().map(|s| s.stamp), recording.imu.last().map(|s| s.stamp)) else {
         return Err(Fault::malformed(path, "has no inertial samples", "record or copy it again"));
     };
     let before = recording.frames.len();
+    let inside = (0..before).filter_map(|index| recording.frames.stamp(index)).any(|stamp| first <= stamp && stamp <= last);
+    if purpose == Purpose::Check && !inside && before > 0 {
+        return Ok(());
+    }
     recording.frames.retain(|stamp| first <= stamp && stamp <= last);
     let outside = before - recording.frames.len();
     if recording.frames.is_empty() {
@@ -268,6 +299,24 @@ impl Recording {
             Frames::Tracks(_) => None,
         };
         Ok(Events { recording: self, decoded, next_imu: 0, next_frame: 0, reached: None })
+    }
+
+    /// The images of the given indices, which rise, decoded at most `ahead` before they are asked for. None of a recording of corners.
+    ///
+    /// # Errors
+    /// When the thread that decodes cannot be started.
+    pub(crate) fn images(&self, wanted: &[usize], ahead: usize) -> Result<impl Iterator<Item = Decoded>, Fault> {
+        let decoded = match &self.frames {
+            Frames::Images(images) => Some(decode::start(wanted.iter().filter_map(|index| images.get(*index).cloned()).collect(), ahead)?),
+            Frames::Live(live) => Some(live.source.start(ahead)?),
+            Frames::Tracks(_) => None,
+        };
+        let mut stamps = wanted.iter().filter_map(|index| self.frames.stamp(*index)).collect::<Vec<_>>().into_iter();
+        Ok(std::iter::from_fn(move || {
+            let stamp = stamps.next()?;
+            // A source makes all images in order.
+            decoded.as_ref()?.iter().find(|made| made.0 == stamp)
+        }))
     }
 
     /// Time from the first to the last frame.

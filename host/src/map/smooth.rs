@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use libella_core::plane::Plane;
 use libella_core::time::Span;
 use libella_core::track::TrackId;
 use nalgebra::Vector3;
@@ -79,7 +80,8 @@ impl Smooth {
     }
 }
 
-/// Adjusts every epoch of a flight; `None` where `stop` was set before the end.
+/// Adjusts every epoch of a flight, and draws landmarks to `planes`; `None` where `stop` was set before the end. A plane belongs to the world of
+/// the newest epoch: with several, planes are left out.
 ///
 /// # Errors
 /// When no epoch can be adjusted, with the reason of the first.
@@ -87,18 +89,20 @@ pub fn smooth(
     record: &FlightRecord,
     recording: &Recording,
     config: &Config,
+    planes: &[Plane<f64>],
     stop: &AtomicBool,
     mut observe: impl FnMut(&Progress),
 ) -> Result<Option<Smooth>, Fault> {
     let settings = BundleSettings::new(&config.estimator_config::<f64>(&recording.rig.imu_noise), recording.rig.body_from_camera);
     let mut found = Smooth { poses: Vec::new(), epochs: Vec::new() };
+    let planes = if record.epochs.len() == 1 { planes } else { &[] };
     for (index, epoch) in record.epochs.iter().enumerate() {
         let mut go_on = |progress: Progress| {
             observe(&Progress { epoch: (index, record.epochs.len()), ..progress });
             !stop.load(Ordering::Relaxed)
         };
         let mut report = EpochReport { span_s: span_s(epoch), ..EpochReport::default() };
-        match adjust(epoch, recording, &settings, &mut report, &mut go_on) {
+        match adjust(epoch, recording, &settings, planes, &mut report, &mut go_on) {
             Ok(poses) => found.poses.extend(poses),
             Err(error) => report.left_out = Some(error.to_string()),
         }
@@ -126,17 +130,19 @@ fn adjust(
     epoch: &Epoch,
     recording: &Recording,
     settings: &BundleSettings,
+    planes: &[Plane<f64>],
     report: &mut EpochReport,
     go_on: &mut impl FnMut(Progress) -> bool,
 ) -> Result<Vec<SmoothPose>, BundleError> {
     let begun = Instant::now();
     let (keyframes, landmarks) = problem(epoch);
-    let mut bundle = Bundle::new(settings.clone(), keyframes, &recording.imu, landmarks, Vec::new())?;
+    let mut bundle = Bundle::new(settings.clone(), keyframes, &recording.imu, landmarks, planes.to_vec())?;
     report.keyframes = bundle.keyframes().len();
     report.factor_non_zeros = bundle.factor_non_zeros();
     for (round, iterations) in ROUNDS.into_iter().enumerate() {
         bundle.judge();
         bundle.triangulate()?;
+        bundle.attach_planes();
         (report.landmarks, report.observations) = bundle.counts();
         let size = (report.keyframes, report.landmarks);
         let solved = bundle.optimize(iterations, |cost| go_on(Progress { epoch: (0, 0), round: (round, ROUNDS.len()), size, cost }))?;

@@ -35,7 +35,7 @@ fn fly(imu: ImuConfig, sigma_px: f64) -> Flown {
 
 impl Flown {
     fn smooth(&self) -> Smooth {
-        smooth(&self.record, &self.recording, &self.config, &AtomicBool::new(false), |_| ()).unwrap().unwrap()
+        smooth(&self.record, &self.recording, &self.config, &[], &AtomicBool::new(false), |_| ()).unwrap().unwrap()
     }
 
     /// Causal and smooth, m.
@@ -91,7 +91,7 @@ fn what_cannot_be_smoothed_is_said_with_its_reason() {
     let flown = fly(ImuConfig::default(), 1.0);
     let attempt = |record: &FlightRecord| {
         let stop = AtomicBool::new(false);
-        smooth(record, &flown.recording, &flown.config, &stop, |_| ()).map(|found| found.map(|found| found.poses.len()))
+        smooth(record, &flown.recording, &flown.config, &[], &stop, |_| ()).map(|found| found.map(|found| found.poses.len()))
     };
     let nothing = attempt(&FlightRecord::default()).unwrap_err();
     assert!(nothing.to_string().contains("there is no causal trajectory"), "{nothing}");
@@ -113,5 +113,5 @@ fn what_cannot_be_smoothed_is_said_with_its_reason() {
     both.epochs.insert(0, single.epochs[0].clone());
     assert!(attempt(&both).unwrap().is_some_and(|poses| poses > 300));
     let stop = AtomicBool::new(true);
-    assert_eq!(smooth(&flown.record, &flown.recording, &flown.config, &stop, |_| ()), Ok(None));
+    assert_eq!(smooth(&flown.record, &flown.recording, &flown.config, &[], &stop, |_| ()), Ok(None));
 }

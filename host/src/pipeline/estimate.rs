@@ -22,7 +22,7 @@ use crate::dataset::{Event, Frames, Recording};
 use crate::eval::{StampedPose, Trajectory};
 use crate::fault::{Fault, FaultKind};
 use crate::map::{FlightRecord, Glance, Recorder};
-use crate::network::{DepthMap, DepthNetwork};
+use crate::network::{Alike, DepthMap, DepthNetwork};
 use crate::planes::{PlaneFinder, Planes};
 
 /// Room for the pyramids of images up to about 1.5 megapixels; pages that are never touched cost nothing.
@@ -247,6 +247,9 @@ fn run_to(
     if let Some(network) = &network {
         depth::check(network.as_ref(), !matches!(recording.frames, Frames::Tracks(_)))?;
     }
+    let network = network.map(|network| -> Box<dyn DepthNetwork> {
+        if config.depth.uncertainty { network } else { Box::new(Alike::new(network, config.depth.sigma_log)) }
+    });
     let begun = Instant::now();
     let depth_source = network.as_ref().map(DepthNetwork::describe);
     let (sender, receiver) = channel();

@@ -19,13 +19,14 @@
 //! that part of the step of the first keyframe selects the solution that leaves it where it is; the cost is unchanged.
 //!
 //! # Elimination
-//! Landmarks are eliminated ([`normal`]); what is left couples the poses of keyframes that see one landmark and the whole states of
-//! neighbours ([`sparse`]). Tracks are short beside a flight, so the factor has a band, and time grows with the length of the flight.
+//! Landmarks are eliminated (`normal`); what is left couples the poses of keyframes that see one landmark and the whole states of
+//! neighbours (`sparse`). Tracks are short beside a flight, so the factor has a band, and time grows with the length of the flight.
 
 mod inertial;
 mod landmarks;
 mod levenberg;
 mod normal;
+mod planes;
 mod sparse;
 mod views;
 
@@ -106,6 +107,8 @@ pub struct BundleSettings {
     pub plane_weight: f64,
     /// `σ`, how far a point of a real surface is off its plane, m.
     pub plane_sigma_m: f64,
+    /// `θ`, distance from a plane within which a landmark belongs to it, m.
+    pub plane_theta_m: f64,
 }
 
 impl BundleSettings {
@@ -124,8 +127,9 @@ impl BundleSettings {
             first_bias_sigma: Some((sigma.gyro_bias_rad_s, sigma.accel_bias_m_s2)),
             virtual_baseline_m: 0.1,
             right_weight: 1.0,
-            plane_weight: 0.1,
-            plane_sigma_m: 0.02,
+            plane_weight: config.planes.weight,
+            plane_sigma_m: config.planes.sigma_m,
+            plane_theta_m: config.planes.theta_m,
         }
     }
 }
@@ -238,6 +242,12 @@ impl Bundle {
     #[must_use]
     pub fn factor_non_zeros(&self) -> usize {
         self.structure.factor_non_zeros()
+    }
+
+    /// The planes.
+    #[must_use]
+    pub fn planes(&self) -> &[Plane<f64>] {
+        &self.planes
     }
 
     /// Where the cameras are.

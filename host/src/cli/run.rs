@@ -139,9 +139,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         pipeline::draw_planes(&folder, &figure, found)?;
     }
     report::write_data(&folder, &recording, &config, &run, evaluation.as_ref(), Some(&snapshots))?;
-    if !arguments.no_html {
-        report::write_page(&folder)?;
-    }
+    let page = || if arguments.no_html { Ok(()) } else { report::write_page(&folder).map(|_| ()) };
+    page()?;
     if !arguments.quiet {
         say(&describe(&recording, &figures, evaluation.as_ref(), &folder));
     }
@@ -157,6 +156,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         return Ok(Exit::Interrupted);
     };
     smooth::write(&recording, &config, &smooth, &mut figures, &run, &folder, arguments.quiet)?;
+    page()?;
     Ok(done)
 }
 

@@ -4,11 +4,13 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use super::chart::{Chart, Line, round_steps, tick};
+use super::first::health_strip;
 use super::folder::Output;
 use super::html::{duration, escape, length};
-use super::page::{document, health_strip};
+use super::page::document;
 use super::space::overlay;
-use super::verdict::{Light, figures, stretches, variant, verdict};
+use super::verdict::{Light, figures, stretches, verdict};
+use super::words::variant;
 
 /// Runs that curves are drawn of in one chart.
 const MOST_CURVES: usize = 8;

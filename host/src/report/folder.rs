@@ -12,6 +12,9 @@ use super::snapshots::Snapshot;
 use crate::dataset::table::{Row, rows};
 use crate::fault::{Fault, read_text};
 
+/// A point of the map, m, and the colour of its plane.
+pub(super) type ColoredPoint = ([f64; 3], [u8; 3]);
+
 /// A pose of `trajectory.csv`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Pose {
@@ -64,7 +67,7 @@ pub(super) struct Output {
     pub frames: Vec<Frame>,
     pub planes: Vec<PlaneEntry>,
     /// Points of the map and the colours of their planes.
-    pub points: Vec<([f64; 3], [u8; 3])>,
+    pub points: Vec<ColoredPoint>,
     pub scales: Vec<Scale>,
     pub pictures: Vec<Picture>,
 }
@@ -162,10 +165,7 @@ fn poses(path: &Path) -> Result<Vec<Pose>, Fault> {
     rows(path, &text, true).map(pose).collect()
 }
 
-/// Where a point is, m, and its colour.
-type ColouredPoint = ([f64; 3], [u8; 3]);
-
-fn points(path: &Path) -> Result<Vec<ColouredPoint>, Fault> {
+fn points(path: &Path) -> Result<Vec<ColoredPoint>, Fault> {
     let text = read_text(path, "run `libella run` again")?;
     let body = text.split_once("end_header\n").map_or("", |(_, body)| body);
     let point = |line: &str| {

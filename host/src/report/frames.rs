@@ -80,6 +80,7 @@ pub(super) fn name_of(health: Health) -> &'static str {
         Health::Initialising(Waiting::Excitation) => "initialising_excitation",
         Health::Initialising(Waiting::Gravity) => "initialising_gravity",
         Health::Initialising(Waiting::Agreement) => "initialising_agreement",
+        Health::Initialising(Waiting::Computation) => "initialising_computation",
         Health::Tracking => "tracking",
         Health::Degraded => "degraded",
         Health::Lost => "lost",

@@ -10,13 +10,19 @@
 
 mod chart;
 mod comparison;
+mod curves;
+mod facts;
+mod first;
 mod folder;
 mod frames;
 mod html;
 mod page;
+mod sight;
 mod snapshots;
 mod space;
+mod stages;
 mod verdict;
+mod words;
 
 use std::path::{Path, PathBuf};
 

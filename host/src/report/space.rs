@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde_json::{Value, json};
 
 use super::chart::{closed, joined, round_steps};
-use super::folder::Output;
+use super::folder::{ColoredPoint, Output};
 use super::html::coordinate;
 use crate::eval::align;
 
@@ -26,7 +26,7 @@ pub(super) struct Space {
     /// Seconds and place.
     pub way: Vec<(f64, [f64; 3])>,
     pub truth: Vec<(f64, [f64; 3])>,
-    pub points: Vec<([f64; 3], [u8; 3])>,
+    pub points: Vec<ColoredPoint>,
     pub planes: Vec<Polygon>,
     /// Times in which it was not tracking, s.
     pub trouble: Vec<(f64, f64)>,

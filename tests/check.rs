@@ -130,7 +130,10 @@ fn simulated_flights_are_clean_and_their_offset_and_rotation_are_found() {
         for seed in 1..4 {
             eprintln!("{kind:?} {seed}");
             let report = checked(&flight(kind, 30.0, seed));
-            if false {assert_silent(&report);} continue;
+            if false {
+                assert_silent(&report);
+            }
+            continue;
             #[allow(unreachable_code)]
             assert_silent(&report);
             let found = report.figures.camera_imu.unwrap();

@@ -224,8 +224,7 @@ fn noise(path: &Path, yaml: &ImuYaml) -> Result<ImuNoise<f64>, Fault> {
 }
 
 /// What to do where there is no calibration.
-pub(crate) const SENSOR_REMEDY: &str =
-    "every sensor folder needs its sensor.yaml: copy it from the original dataset, or give Kalibr's camchain and imu yaml with --calibration";
+pub(crate) const SENSOR_REMEDY: &str = "every sensor folder needs its sensor.yaml: copy it from the original dataset, or give Kalibr's camchain and imu yaml with --calibration";
 
 fn parse<D: for<'de> Deserialize<'de>>(path: &Path, text: &str) -> Result<D, Fault> {
     // OpenCV writes a `%YAML:1.0` line that no YAML standard knows, and tags of its own.
@@ -237,7 +236,11 @@ fn parse<D: for<'de> Deserialize<'de>>(path: &Path, text: &str) -> Result<D, Fau
     serde_saphyr::from_str(&plain).map_err(|error| {
         let line = error.location().map(|location| location.line());
         let reason = error.without_snippet().to_string().replace('\n', " ");
-        let mut fault = Fault::malformed(path, format!("is not a calibration ({reason})"), "compare it with a sensor.yaml of EuRoC or with Kalibr's wiki");
+        let mut fault = Fault::malformed(
+            path,
+            format!("is not a calibration ({reason})"),
+            "compare it with a sensor.yaml of EuRoC or with Kalibr's wiki",
+        );
         fault.line = line;
         fault
     })

@@ -64,7 +64,11 @@ pub(crate) fn cameras_from(path: &Path, text: &str) -> Result<Vec<ChainCamera>, 
             (None, None) if !cameras.is_empty() => continue,
             (None, None) => {
                 let what = format!("`{name}` has no `T_cam_imu`");
-                return Err(Fault::malformed(path, what, "calibrate camera and inertial unit together: give the file with `imucam` in its name"));
+                return Err(Fault::malformed(
+                    path,
+                    what,
+                    "calibrate camera and inertial unit together: give the file with `imucam` in its name",
+                ));
             }
         };
         let shift_s = yaml.timeshift_cam_imu.unwrap_or(0.0);
@@ -156,7 +160,8 @@ cam1:
     fn the_noise_is_read_as_given_and_as_written() {
         let given = "rostopic: /imu0\nupdate_rate: 200.0\naccelerometer_noise_density: 0.002\naccelerometer_random_walk: 0.003\n\
                      gyroscope_noise_density: 1.7e-04\ngyroscope_random_walk: 1.9e-05\n";
-        let written = format!("imu0:\n  T_i_b:\n  - [1.0, 0.0, 0.0, 0.0]\n  model: calibrated\n  {}", given.trim_end().replace('\n', "\n  "));
+        let written =
+            format!("imu0:\n  T_i_b:\n  - [1.0, 0.0, 0.0, 0.0]\n  model: calibrated\n  {}", given.trim_end().replace('\n', "\n  "));
         let path = Path::new("imu.yaml");
         let (imu, topic) = imu_from(path, given).unwrap();
         assert_eq!((imu.noise.accel_noise_density, imu.noise.gyro_random_walk, topic.as_deref()), (0.002, 1.9e-5, Some("/imu0")));

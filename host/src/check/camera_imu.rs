@@ -120,7 +120,8 @@ fn judge_axes(material: &Material, coarse: &Coarse, findings: &mut Findings) -> 
                 "gravity turns against the gyro: with the accelerometer's axes as they are it spreads {:.0} times as much as with the best",
                 agreement.excess(&identity)
             );
-            let change = format!("read the accelerometer's x, y, z from its {}, so that it shares the gyro's axes", axes::in_words(&inverse));
+            let change =
+                format!("read the accelerometer's x, y, z from its {}, so that it shares the gyro's axes", axes::in_words(&inverse));
             findings.add(Severity::Fault, FindingKind::ImuAxes, measured, "specific force that turns as the gyro says", change);
         }
         return as_stated;
@@ -164,7 +165,11 @@ fn judge_axes(material: &Material, coarse: &Coarse, findings: &mut Findings) -> 
         return Reading { repair: exchange, body_from_camera: stated };
     }
     if found.determinant() < 0.0 {
-        let measured = format!("image rotation fits a mirrored gyro only (correlation {:.3}, as stated {:.3})", coarse.correlation, reaches(&stated, &identity));
+        let measured = format!(
+            "image rotation fits a mirrored gyro only (correlation {:.3}, as stated {:.3})",
+            coarse.correlation,
+            reaches(&stated, &identity)
+        );
         let change = "one axis of the gyro has the wrong sign or two are exchanged: make the axes right-handed as in the data sheet";
         findings.add(Severity::Fault, FindingKind::ImuAxes, measured, expected, change);
         return Reading { repair: stated * found, body_from_camera: stated };
@@ -183,7 +188,8 @@ fn judge_unit(coarse: &Coarse, findings: &mut Findings) -> f64 {
     if ratio < 3.0 && ratio > 1.0 / 3.0 {
         return 1.0;
     }
-    let measured = format!("the gyro turns {ratio:.3} times as fast as the images ({:.2} against {:.2} rad/s)", coarse.rms[1], coarse.rms[0]);
+    let measured =
+        format!("the gyro turns {ratio:.3} times as fast as the images ({:.2} against {:.2} rad/s)", coarse.rms[1], coarse.rms[0]);
     let expected = "a ratio of 1, within what the focal length may be off";
     if (DEGREES[0]..=DEGREES[1]).contains(&ratio) {
         let change = "the gyro is in deg/s where rad/s belong: multiply its three columns by 0.0174533";
@@ -215,14 +221,19 @@ fn judge_lens(material: &Material, fit: &Fit, findings: &mut Findings) -> bool {
         }
         let k = 2 + k;
         if sure(k) && lens[k].abs() > limits[k][0] {
-            off.push(format!("principal point {axis} {:.0} px, {:+.0} px from the stated", center[k - 2] + lens[k] * focal[k - 2], lens[k] * focal[k - 2]));
+            off.push(format!(
+                "principal point {axis} {:.0} px, {:+.0} px from the stated",
+                center[k - 2] + lens[k] * focal[k - 2],
+                lens[k] * focal[k - 2]
+            ));
         }
     }
     if sure(4) && lens[4].abs() > limits[4][0] {
         off.push(format!("first distortion coefficient {:.3}, {:+.3} from the stated", material.first_distortion() + lens[4], lens[4]));
     }
     let measured = format!("the motion of the corners does not fit the intrinsics; it fits {}", off.join("; "));
-    let expected = format!("focal lengths within {:.0} %, a principal point within {:.1} deg", 100.0 * FOCAL_OFF[0], CENTER_OFF[0].to_degrees());
+    let expected =
+        format!("focal lengths within {:.0} %, a principal point within {:.1} deg", 100.0 * FOCAL_OFF[0], CENTER_OFF[0].to_degrees());
     let change = if material.size_is_wrong {
         "give the intrinsics of this resolution, near these values"
     } else {
@@ -284,7 +295,9 @@ fn judge_rotation(found: &CameraImu, findings: &mut Findings) {
     }
     let severity = if value >= ROTATION_DEG[1] { Severity::Fault } else { Severity::Warning };
     let [x, y, z] = found.rotation_off_vector_deg;
-    let measured = format!("the camera is turned by {value:.2} ± {sigma:.2} deg against T_BS (rotation vector in the camera frame {x:.2}, {y:.2}, {z:.2} deg)");
+    let measured = format!(
+        "the camera is turned by {value:.2} ± {sigma:.2} deg against T_BS (rotation vector in the camera frame {x:.2}, {y:.2}, {z:.2} deg)"
+    );
     let expected = format!("less than {} deg", ROTATION_DEG[0]);
     let change = "calibrate camera and inertial unit again, or check that T_BS belongs to this camera";
     findings.add(severity, FindingKind::ExtrinsicRotation, measured, expected, change);

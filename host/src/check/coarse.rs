@@ -122,11 +122,13 @@ pub(super) fn align(pairs: &[Pair], lens: &Lens, gyro: &Gyro) -> Option<Coarse> 
         let steps = (FARTHEST_S / STEP_S) as i32;
         let center = best.as_ref().map_or(0.0, |best| best.offset_s);
         let range = if round == 0 { -steps..=steps } else { -10..=10 };
-        best = range.filter_map(|k| correlate(&turns, center + f64::from(k) * STEP_S)).max_by(|a, b| a.correlation.total_cmp(&b.correlation));
+        best =
+            range.filter_map(|k| correlate(&turns, center + f64::from(k) * STEP_S)).max_by(|a, b| a.correlation.total_cmp(&b.correlation));
         let found = best.as_ref()?;
         // Turns that contradict the alignment count less the next time.
         let alignment = found.best() * found.scale;
-        let residual = |turn: &Turn| Some(((turn.rate - found.mean[0]) - alignment * (rate_of(turn, found.offset_s)? - found.mean[1])).norm());
+        let residual =
+            |turn: &Turn| Some(((turn.rate - found.mean[0]) - alignment * (rate_of(turn, found.offset_s)? - found.mean[1])).norm());
         let mut residuals: Vec<f64> = turns.iter().filter_map(residual).collect();
         let scale = 1.5 * stats::median(&mut residuals)?.max(1e-6);
         let weights: Vec<f64> = turns.iter().map(|turn| residual(turn).map_or(0.0, |r| 1.0 / (1.0 + (r / scale).powi(2)))).collect();

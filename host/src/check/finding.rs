@@ -264,7 +264,11 @@ impl fmt::Display for Severity {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "recording       {} ({:.1} s, {} images, {} inertial samples)", self.recording, self.span_s, self.frames, self.imu_samples)?;
+        writeln!(
+            f,
+            "recording       {} ({:.1} s, {} images, {} inertial samples)",
+            self.recording, self.span_s, self.frames, self.imu_samples
+        )?;
         if let Some(found) = &self.figures.camera_imu {
             writeln!(f, "time offset     {} ms to add to the camera's stamps", found.time_offset_ms)?;
             writeln!(f, "rotation        {} deg from the stated T_BS", found.rotation_off_deg)?;

@@ -156,7 +156,8 @@ pub(super) fn fit(
         state.offset_s += step[OFFSET];
         state.lens += step.fixed_rows::<PARAMETERS>(LENS);
         planes.iter_mut().for_each(|plane| plane.follow(&step));
-        scale_px = (stats::SIGMA_PER_MAD * stats::median(&mut residuals.iter().map(|r| r.abs()).collect::<Vec<f64>>())?).max(LEAST_SIGMA_PX);
+        scale_px =
+            (stats::SIGMA_PER_MAD * stats::median(&mut residuals.iter().map(|r| r.abs()).collect::<Vec<f64>>())?).max(LEAST_SIGMA_PX);
         let parallax_px = stats::quantile(&mut parallaxes, 0.9).unwrap_or(0.0);
         last = Some((covariance(&factor.inverse(), stretches.values()), scale_px, parallax_px, used));
         if turn < 1e-6 && step[OFFSET].abs() < 1e-6 && lens_step < 1e-5 && iteration > SEEDED[3] {

@@ -36,7 +36,8 @@ pub(super) fn check(material: &Material, seen: &Sightings, findings: &mut Findin
     let camera_px = displacement(material, seen, SPANS_S[1]);
     // What is the same over a fifth of the time is noise.
     let sooner_px = displacement(material, seen, SPANS_S[0]);
-    let camera_rests = camera_px.is_none_or(|px| px < REST_PX || px < NOISE_PX && sooner_px.is_some_and(|sooner| px < NOISE_GROWTH * sooner));
+    let camera_rests =
+        camera_px.is_none_or(|px| px < REST_PX || px < NOISE_PX && sooner_px.is_some_and(|sooner| px < NOISE_GROWTH * sooner));
     let px = camera_px.map_or_else(|| "no corner is followed".into(), |px| format!("corners move {px:.2} px in half a second"));
     let measured = format!("{px}, the angular rate varies by {gyro:.3} rad/s, specific force by {accel:.2} m/s^2");
     if imu_rests && camera_rests {
@@ -53,7 +54,13 @@ pub(super) fn check(material: &Material, seen: &Sightings, findings: &mut Findin
     {
         let measured = format!("corners move {:.1} px beyond rotation in half a second", found.parallax_px);
         let expected = format!("at least {LEAST_PARALLAX_PX} px for one corner in ten");
-        findings.add(Severity::Warning, FindingKind::Motion, measured, expected, "shift the camera instead of turning it, or move closer to the scene");
+        findings.add(
+            Severity::Warning,
+            FindingKind::Motion,
+            measured,
+            expected,
+            "shift the camera instead of turning it, or move closer to the scene",
+        );
     } else if material.accel_is_usable && accel < LEAST_EXCITATION_M_S2 {
         let measured = format!("specific force varies by {accel:.2} m/s^2");
         let expected = format!("at least {LEAST_EXCITATION_M_S2} m/s^2, or scale cannot be told");

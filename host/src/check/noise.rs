@@ -57,8 +57,11 @@ pub(super) fn check(material: &mut Material, findings: &mut Findings) {
         let is_square = (quiet.density[sensor] / root).ln().abs() < 4.0_f64.ln();
         if ratio[sensor] > VARIANCE_RATIO && (is_square || stated[sensor] < LEAST_DENSITY[sensor]) {
             squared = true;
-            let measured = format!("{} is {:.2e}, the recording shows {:.2e} {}", names[sensor], stated[sensor], quiet.density[sensor], units[sensor]);
-            let change = format!("a variance stands where a standard deviation belongs: write its root, {root:.2e}, and do the same with the other densities");
+            let measured =
+                format!("{} is {:.2e}, the recording shows {:.2e} {}", names[sensor], stated[sensor], quiet.density[sensor], units[sensor]);
+            let change = format!(
+                "a variance stands where a standard deviation belongs: write its root, {root:.2e}, and do the same with the other densities"
+            );
             findings.add(Severity::Fault, FindingKind::NoiseDensity, measured, "a density that covers the noise of the recording", change);
         }
     }
@@ -76,7 +79,8 @@ pub(super) fn check(material: &mut Material, findings: &mut Findings) {
         findings.add(Severity::Warning, FindingKind::NoiseDensity, measured, "continuous-time densities, per sqrt(Hz)", change);
     } else {
         for sensor in 0..2 {
-            let measured = format!("{} is {:.2e}, the recording shows {:.2e} {}", names[sensor], stated[sensor], quiet.density[sensor], units[sensor]);
+            let measured =
+                format!("{} is {:.2e}, the recording shows {:.2e} {}", names[sensor], stated[sensor], quiet.density[sensor], units[sensor]);
             if quiet.at_rest && ratio[sensor] > UNDERSTATED {
                 let change = format!("state at least {:.1e}, or find what shakes the sensor at rest", quiet.density[sensor]);
                 findings.add(Severity::Warning, FindingKind::NoiseDensity, measured, "a density that covers the noise at rest", change);

@@ -67,7 +67,10 @@ pub(super) fn pairs(windows: &[Vec<Shot>], span_s: f64, seconds: impl Fn(&Shot) 
             }
             let after = shots.get(index + 1..).unwrap_or_default();
             let Some(ahead) = after.iter().position(|shot| seconds(shot) - start > 0.9 * span_s) else { break };
-            let (Some(second), Some(begin), Some(second_begin)) = (after.get(ahead), begins.get(index), begins.get(index + 1 + ahead)) else { break };
+            let (Some(second), Some(begin), Some(second_begin)) = (after.get(ahead), begins.get(index), begins.get(index + 1 + ahead))
+            else {
+                break;
+            };
             let end = seconds(second);
             // A pause is no pair.
             if end - start > 2.0 * span_s + 0.1 {
@@ -77,11 +80,8 @@ pub(super) fn pairs(windows: &[Vec<Shot>], span_s: f64, seconds: impl Fn(&Shot) 
             let shared = shared(first, second);
             if shared.len() >= LEAST_SHARED {
                 let step = shared.len().div_ceil(MOST_SHARED);
-                let (pixels, places) = shared
-                    .into_iter()
-                    .step_by(step)
-                    .map(|([i, j], pixels)| (pixels, [begin + i, second_begin + j]))
-                    .unzip();
+                let (pixels, places) =
+                    shared.into_iter().step_by(step).map(|([i, j], pixels)| (pixels, [begin + i, second_begin + j])).unzip();
                 found.push(Pair { seconds: [start, end], pixels, places });
             }
         }

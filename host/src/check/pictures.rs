@@ -22,7 +22,13 @@ pub(super) fn check(material: &mut Material, seen: &Sightings, findings: &mut Fi
     }
     if let (count @ 1.., Some(reason)) = &seen.unread {
         let measured = format!("{count} images cannot be used, first: {reason}");
-        findings.add(Severity::Warning, FindingKind::ImageContent, measured, "images that can be decoded, of at most 1.5 megapixels", "copy them again, or make them smaller");
+        findings.add(
+            Severity::Warning,
+            FindingKind::ImageContent,
+            measured,
+            "images that can be decoded, of at most 1.5 megapixels",
+            "copy them again, or make them smaller",
+        );
     }
     let Some(pictures) = seen.pictures else { return };
     material.figures.pictures = Some(pictures);
@@ -53,12 +59,13 @@ fn check_size(material: &mut Material, (width, height): (u32, u32), findings: &m
 fn judge(pictures: &Pictures, findings: &mut Findings) {
     let Pictures { grey, dark_share, bright_share, flicker, sharpness, followed, .. } = *pictures;
     if !(GREY[0]..=GREY[1]).contains(&grey) || dark_share > LOST_SHARE && grey < 40.0 || bright_share > LOST_SHARE {
-        let measured = format!(
-            "mean grey level {grey:.0}, {:.0} % of the pixels black, {:.0} % white",
-            100.0 * dark_share,
-            100.0 * bright_share
-        );
-        let change = if grey > 127.0 { "shorten the exposure or lower the gain" } else { "add light or gain, or expose longer while that does not blur" };
+        let measured =
+            format!("mean grey level {grey:.0}, {:.0} % of the pixels black, {:.0} % white", 100.0 * dark_share, 100.0 * bright_share);
+        let change = if grey > 127.0 {
+            "shorten the exposure or lower the gain"
+        } else {
+            "add light or gain, or expose longer while that does not blur"
+        };
         findings.add(Severity::Warning, FindingKind::Exposure, measured, "images with detail in the shadows and the lights", change);
     }
     if flicker > FLICKER {
@@ -70,7 +77,8 @@ fn judge(pictures: &Pictures, findings: &mut Findings) {
         let severity = if followed < FOLLOWED[1] { Severity::Fault } else { Severity::Warning };
         let blurred = if sharpness < 0.32 { ", and they look blurred" } else { "" };
         let measured = format!("{followed:.0} corners are followed from image to image{blurred}");
-        let change = "shorten the exposure against motion blur, focus the lens, look at a scene with more texture, or use more images per second";
+        let change =
+            "shorten the exposure against motion blur, focus the lens, look at a scene with more texture, or use more images per second";
         findings.add(severity, FindingKind::Detail, measured, format!("at least {:.0} of 200", FOLLOWED[0]), change);
     }
 }
@@ -79,7 +87,8 @@ fn judge(pictures: &Pictures, findings: &mut Findings) {
 pub(super) fn check_repeats(pictures: &Pictures, moves: bool, findings: &mut Findings) {
     if moves && pictures.repeated_share > REPEATED_SHARE {
         let severity = if pictures.repeated_share > 0.5 { Severity::Fault } else { Severity::Warning };
-        let measured = format!("{:.0} % of the images are equal to the one before while the inertial unit moves", 100.0 * pictures.repeated_share);
+        let measured =
+            format!("{:.0} % of the images are equal to the one before while the inertial unit moves", 100.0 * pictures.repeated_share);
         let change = "find out why the driver hands out old images; remove the repeated ones";
         findings.add(severity, FindingKind::ImageContent, measured, "new images", change);
     }

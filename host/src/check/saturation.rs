@@ -36,11 +36,8 @@ pub(super) fn check(material: &mut Material, findings: &mut Findings) {
         let kind = [FindingKind::GyroSaturated, FindingKind::AccelSaturated][sensor];
         let mut cuts = Vec::new();
         for axis in 0..3 {
-            let values: Vec<f64> = material
-                .imu
-                .iter()
-                .map(|sample| if sensor == 0 { sample.gyro_rad_s[axis] } else { sample.accel_m_s2[axis] })
-                .collect();
+            let values: Vec<f64> =
+                material.imu.iter().map(|sample| if sensor == 0 { sample.gyro_rad_s[axis] } else { sample.accel_m_s2[axis] }).collect();
             let letter = ["x", "y", "z"][axis];
             if count >= STUCK_SAMPLES && values.windows(2).all(|pair| pair[0] == pair[1]) {
                 let measured = format!("{name} {letter} is {} {unit} in all samples", values.first().copied().unwrap_or_default());

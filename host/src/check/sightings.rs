@@ -92,9 +92,13 @@ pub(super) fn look(recording: &Recording, material: &Material, most: usize, ahea
             .name("sightings".into())
             .stack_size(STACK_BYTES)
             .spawn_scoped(scope, || follow(recording, material, most, ahead))
-            .map_err(|error| Fault::new(FaultKind::Output, format!("no thread for the images ({error})"), "free memory or raise the limit"))?
+            .map_err(|error| {
+                Fault::new(FaultKind::Output, format!("no thread for the images ({error})"), "free memory or raise the limit")
+            })?
             .join()
-            .unwrap_or_else(|_| Err(Fault::new(FaultKind::NoResult, "the front end stopped without a word", "report it with the recording")))
+            .unwrap_or_else(|_| {
+                Err(Fault::new(FaultKind::NoResult, "the front end stopped without a word", "report it with the recording"))
+            })
     })
 }
 

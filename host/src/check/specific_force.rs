@@ -52,7 +52,8 @@ pub(super) fn check(material: &mut Material, gravity_m_s2: f64, findings: &mut F
         // Up is −y of an upright camera.
         if up.y > 0.7 {
             let measured = format!("up points to the bottom of the image (specific force {:.1} {:.1} {:.1} m/s^2)", mean.x, mean.y, mean.z);
-            let change = "nothing, if the camera is mounted upside down; else turn the sign of the accelerometer (at rest it reads +g upwards)";
+            let change =
+                "nothing, if the camera is mounted upside down; else turn the sign of the accelerometer (at rest it reads +g upwards)";
             findings.add(Severity::Note, FindingKind::Gravity, measured, "up towards the top of the image", change);
         }
     }

@@ -27,12 +27,7 @@ const JITTER_SHARE: f64 = 0.2;
 const DUPLICATE_FAULT_SHARE: f64 = 0.01;
 
 /// The unit of a series of stamps, and the series in nanoseconds.
-fn repair(
-    name: &str,
-    [shortest, longest]: [f64; 2],
-    stamps: &mut [Timestamp],
-    findings: &mut Findings,
-) {
+fn repair(name: &str, [shortest, longest]: [f64; 2], stamps: &mut [Timestamp], findings: &mut Findings) {
     let mut steps: Vec<f64> = intervals(stamps).filter(|step| *step > 0.0).collect();
     let Some(median) = stats::median(&mut steps) else { return };
     let fits = |factor: f64| (shortest..=longest).contains(&(median * factor));
@@ -86,11 +81,19 @@ pub(super) fn check(recording: &Recording, material: &mut Material, findings: &m
             findings.add(severity, FindingKind::StampDuplicate, measured, "every stamp once", change);
         }
     }
-    for (name, stamps, left_out) in [("inertial unit", &imu, noted(RemarkKind::ImuOrder)), ("camera", &frames, noted(RemarkKind::ImageOrder))] {
+    for (name, stamps, left_out) in
+        [("inertial unit", &imu, noted(RemarkKind::ImuOrder)), ("camera", &frames, noted(RemarkKind::ImageOrder))]
+    {
         let backwards = left_out + intervals(stamps).filter(|step| *step < 0.0).count();
         if backwards > 0 {
             let measured = format!("{backwards} of the {name}'s stamps are older than the one before");
-            findings.add(Severity::Fault, FindingKind::StampOrder, measured, "stamps that rise from line to line", "sort the table by its first column");
+            findings.add(
+                Severity::Fault,
+                FindingKind::StampOrder,
+                measured,
+                "stamps that rise from line to line",
+                "sort the table by its first column",
+            );
         }
     }
     keep_rising(material);
@@ -136,7 +139,15 @@ fn clock(stamps: &[Timestamp]) -> Option<Clock> {
     (spread.median > 0.0).then(|| Clock { rate_hz: 1e9 / spread.median, jitter_ms: spread.sigma() * 1e-6, longest_gap_ms: longest * 1e-6 })
 }
 
-fn gaps(name: &str, what: &str, clock: Option<Clock>, [worth_a_word, fatal]: [f64; 2], stamps: &[Timestamp], may_pause: bool, findings: &mut Findings) {
+fn gaps(
+    name: &str,
+    what: &str,
+    clock: Option<Clock>,
+    [worth_a_word, fatal]: [f64; 2],
+    stamps: &[Timestamp],
+    may_pause: bool,
+    findings: &mut Findings,
+) {
     let Some(clock) = clock else { return };
     let interval_ms = 1e3 / clock.rate_hz;
     // A slow sensor pauses longer than that by itself.
@@ -163,11 +174,14 @@ fn gaps(name: &str, what: &str, clock: Option<Clock>, [worth_a_word, fatal]: [f6
 
 /// Both series must overlap, or they come from different clocks.
 fn share_a_clock(imu: &[Timestamp], frames: &[Timestamp], recording: &Recording, findings: &mut Findings) {
-    let (Some(imu_first), Some(imu_last), Some(first), Some(last)) = (imu.first(), imu.last(), frames.first(), frames.last()) else { return };
+    let (Some(imu_first), Some(imu_last), Some(first), Some(last)) = (imu.first(), imu.last(), frames.first(), frames.last()) else {
+        return;
+    };
     let apart = |span: Span| span.as_seconds::<f64>();
     let shared = apart((*imu_last).min(*last) - (*imu_first).max(*first));
     if shared <= 0.0 {
-        let measured = format!("the first image is {:.1} s from the first inertial sample, and no time is shared", apart(*first - *imu_first));
+        let measured =
+            format!("the first image is {:.1} s from the first inertial sample, and no time is shared", apart(*first - *imu_first));
         let change = "stamp both sensors by the same clock, or add the difference of the clocks to one of them";
         findings.add(Severity::Fault, FindingKind::Clock, measured, "images taken while the inertial unit is recorded", change);
         return;

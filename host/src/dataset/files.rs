@@ -6,8 +6,8 @@ use std::sync::Arc;
 use libella_core::time::Timestamp;
 
 use super::archive::Archive;
-use super::frames::{Frames, ImageFile, PackedImage, PackedImages, Place};
 use super::decode;
+use super::frames::{Frames, ImageFile, PackedImage, PackedImages, Place};
 use crate::fault::{Fault, read_text};
 
 /// The files of a recording. Names are relative, with `/` between their parts.
@@ -62,12 +62,9 @@ impl Files {
                 .filter(|entry| entry.path().is_file())
                 .filter_map(|entry| entry.file_name().into_string().ok())
                 .collect(),
-            Self::Archive(archive) => archive
-                .names()
-                .filter_map(|name| name.strip_prefix(folder))
-                .filter(|name| !name.contains('/'))
-                .map(str::to_owned)
-                .collect(),
+            Self::Archive(archive) => {
+                archive.names().filter_map(|name| name.strip_prefix(folder)).filter(|name| !name.contains('/')).map(str::to_owned).collect()
+            }
         };
         names.sort();
         names

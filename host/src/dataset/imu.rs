@@ -59,7 +59,8 @@ pub(super) fn take(
 ) -> Result<Vec<ImuSample<f64>>, Fault> {
     let mut last = None;
     samples.retain(|sample| {
-        let keep = last.is_none_or(|last| follows(last, sample.stamp, options, remarks, || format!("{} at {}", path.display(), sample.stamp)));
+        let keep =
+            last.is_none_or(|last| follows(last, sample.stamp, options, remarks, || format!("{} at {}", path.display(), sample.stamp)));
         last = Some(sample.stamp);
         keep
     });

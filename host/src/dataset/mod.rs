@@ -226,7 +226,8 @@ enum Kind {
 }
 
 fn recognise(path: &Path) -> Result<Kind, Fault> {
-    const FORMATS: &str = "give the folder of a recording (for EuRoC the one that holds `mav0`), its zip archive, a ROS 1 bag, or an MCAP file";
+    const FORMATS: &str =
+        "give the folder of a recording (for EuRoC the one that holds `mav0`), its zip archive, a ROS 1 bag, or an MCAP file";
     if path.is_dir() {
         let is_ros2_bag = path.join("metadata.yaml").is_file() && !path.join("cam0").is_dir() && !path.join("mav0").is_dir();
         return Ok(match () {

@@ -40,14 +40,14 @@ impl Calibration {
     /// The camera whose images are at a topic; without topics, or where the only camera has another one, the first.
     pub(super) fn camera(&self, topic: Option<&str>) -> Result<&CalibratedCamera, Fault> {
         let named = self.cameras.iter().find(|camera| topic.is_some() && camera.topic.as_deref() == topic);
-        if let (Some(topic), None, true) = (topic, named, self.cameras.len() > 1 && self.cameras.iter().any(|camera| camera.topic.is_some())) {
+        if let (Some(topic), None, true) =
+            (topic, named, self.cameras.len() > 1 && self.cameras.iter().any(|camera| camera.topic.is_some()))
+        {
             let topics: Vec<_> = self.cameras.iter().filter_map(|camera| camera.topic.as_deref()).collect();
             let what = format!("no camera of the calibration has the topic `{topic}`, they have `{}`", topics.join("`, `"));
             return Err(Fault::new(FaultKind::Configuration, what, "correct `rostopic` in the camchain, or choose another --image-topic"));
         }
-        named
-            .or_else(|| self.cameras.first())
-            .ok_or_else(|| Fault::new(FaultKind::Missing, "the calibration has no camera", SENSOR_REMEDY))
+        named.or_else(|| self.cameras.first()).ok_or_else(|| Fault::new(FaultKind::Missing, "the calibration has no camera", SENSOR_REMEDY))
     }
 
     /// The topic of the first camera.

@@ -98,11 +98,9 @@ mod tests {
         // A byte, then a double 1.5 after 7, 3 or 0 bytes of padding.
         let double = 1.5_f64.to_le_bytes();
         let message = |head: &[u8], padding: usize| [head, &[9], &vec![0; padding], &double].concat();
-        for (encoding, message) in [
-            (Encoding::Ros1, message(&[], 0)),
-            (Encoding::Cdr, message(&[0, 1, 0, 0], 7)),
-            (Encoding::Cdr, message(&[0, 7, 0, 0], 3)),
-        ] {
+        for (encoding, message) in
+            [(Encoding::Ros1, message(&[], 0)), (Encoding::Cdr, message(&[0, 1, 0, 0], 7)), (Encoding::Cdr, message(&[0, 7, 0, 0], 3))]
+        {
             let mut fields = Fields::new(encoding, &message).unwrap();
             assert_eq!((fields.u8(), fields.f64s::<1>(), fields.u8()), (Some(9), Some([1.5]), None));
         }

@@ -71,7 +71,11 @@ pub(super) fn image(content: Content, encoding: Encoding, message: &[u8]) -> Res
     };
     let rows = rows(data, [width, height, step], pixel_bytes)
         .ok_or_else(|| format!("{} bytes are no image of {width}x{height} {name} with {step} bytes a row", data.len()))?;
-    let swapped = |pixel: &mut [u8]| if name.starts_with(['b', '8']) { pixel.swap(0, 2) };
+    let swapped = |pixel: &mut [u8]| {
+        if name.starts_with(['b', '8']) {
+            pixel.swap(0, 2)
+        }
+    };
     let image = match pixel_bytes {
         1 => ImageBuffer::from_raw(width, height, rows).map(DynamicImage::ImageLuma8),
         2 => {

@@ -129,7 +129,8 @@ fn files(path: &Path) -> Result<Vec<PathBuf>, Fault> {
     if !path.is_dir() {
         return Ok(vec![path.to_path_buf()]);
     }
-    let entries = std::fs::read_dir(path).map_err(|error| Fault::malformed(path, format!("cannot be read ({error})"), "check its permissions"))?;
+    let entries =
+        std::fs::read_dir(path).map_err(|error| Fault::malformed(path, format!("cannot be read ({error})"), "check its permissions"))?;
     let all: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
     let of = |ending: &str| all.iter().filter(|file| file.extension().is_some_and(|found| found == ending)).cloned().collect::<Vec<_>>();
     let mut files = of("mcap");

@@ -85,7 +85,8 @@ impl Topics {
 
     fn choose(&mut self, path: &Path, wanted: &Wanted, told: Option<&str>, calibrated: Option<&str>) -> Result<Topic, Fault> {
         let Wanted { option, type_name, is } = wanted;
-        let fitting: Vec<&str> = self.read.values().filter(|topic| is(topic.content) && topic.count > 0).map(|topic| &*topic.name).collect();
+        let fitting: Vec<&str> =
+            self.read.values().filter(|topic| is(topic.content) && topic.count > 0).map(|topic| &*topic.name).collect();
         let name = match (told, &fitting[..]) {
             (Some(told), _) if fitting.contains(&told) => told,
             (Some(told), _) => {

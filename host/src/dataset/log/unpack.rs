@@ -17,7 +17,9 @@ pub(super) fn unpack(compression: &str, packed: Vec<u8>, size: u64) -> Result<Ve
         "" | "none" => Ok(packed),
         "lz4" => all_of(lz4_flex::frame::FrameDecoder::new(&packed[..]), size),
         "bz2" => all_of(bzip2::read::MultiBzDecoder::new(&packed[..]), size),
-        "zstd" => ruzstd::decoding::StreamingDecoder::new(&packed[..]).map_err(|error| error.to_string()).and_then(|from| all_of(from, size)),
+        "zstd" => {
+            ruzstd::decoding::StreamingDecoder::new(&packed[..]).map_err(|error| error.to_string()).and_then(|from| all_of(from, size))
+        }
         other => return Err(format!("is compressed by `{}`, which is not supported", other.escape_debug())),
     };
     match unpacked {

@@ -17,6 +17,7 @@ use crate::fault::Fault;
 const MESSAGE: u8 = 0x02;
 const HEADER: u8 = 0x03;
 const CHUNK: u8 = 0x05;
+const CHUNK_INFO: u8 = 0x06;
 const CONNECTION: u8 = 0x07;
 const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 const REMEDY: &str = "mend it with `rosbag reindex`, or copy it again";
@@ -27,14 +28,15 @@ pub(super) struct Bag {
     file: BufReader<File>,
     length: u64,
     at: u64,
-    chunks_missing: u32,
+    /// Chunks and their entries in the index that are still to come.
+    missing: [u32; 2],
 }
 
 impl Bag {
     /// Opens a bag and reads its first record.
     pub(super) fn open(path: &Path) -> Result<Self, Fault> {
         let (file, length) = super::open_file(path)?;
-        let mut bag = Self { path: path.to_path_buf(), file, length, at: 0, chunks_missing: 0 };
+        let mut bag = Self { path: path.to_path_buf(), file, length, at: 0, missing: [0; 2] };
         bag.seek(MAGIC.len() as u64)?;
         let (header, data) = bag.head()?.ok_or_else(|| cut_off(path, REMEDY))?;
         let fields = Header(&header);
@@ -47,7 +49,7 @@ impl Bag {
         if index > length {
             return Err(cut_off(path, REMEDY));
         }
-        bag.chunks_missing = fields.u32("chunk_count").unwrap_or(0);
+        bag.missing = [fields.u32("chunk_count").unwrap_or(0); 2];
         bag.seek(data.end)?;
         Ok(bag)
     }
@@ -129,12 +131,12 @@ impl Container for Bag {
         loop {
             let position = self.at;
             let Some((header, data)) = self.head()? else {
-                return if self.chunks_missing == 0 { Ok(None) } else { Err(cut_off(&self.path, REMEDY)) };
+                return if self.missing == [0; 2] { Ok(None) } else { Err(cut_off(&self.path, REMEDY)) };
             };
             let fields = Header(&header);
             match fields.op() {
                 Some(CHUNK) => {
-                    self.chunks_missing = self.chunks_missing.saturating_sub(1);
+                    self.missing[0] = self.missing[0].saturating_sub(1);
                     return self.chunk(position, &header, data.end - data.start).map(Some);
                 }
                 // Connections are repeated at the end, where all of their messages have been seen; before them, here for a bag without
@@ -145,7 +147,10 @@ impl Container for Bag {
                         .ok_or_else(|| damaged(&self.path, &format!("the connection at byte {position} has no topic or type"), REMEDY))?;
                     return Ok(Some(Chunk { position, data: Vec::new(), channels: vec![channel], messages: Vec::new() }));
                 }
-                Some(_) => self.seek(data.end)?,
+                Some(kind) => {
+                    self.missing[1] = self.missing[1].saturating_sub(u32::from(kind == CHUNK_INFO));
+                    self.seek(data.end)?;
+                }
                 None => return Err(damaged(&self.path, &format!("the record at byte {position} does not say what it is"), REMEDY)),
             }
         }

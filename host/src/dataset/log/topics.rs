@@ -114,11 +114,17 @@ impl Topics {
             },
         };
         let name = name.to_owned();
-        let missing = || Fault::missing(path, format!("has no topic `{name}`"), "");
-        let topic = self.read.remove(&name).ok_or_else(missing)?;
-        match &topic.fault {
+        let topic = self.read.get_mut(&name).ok_or_else(|| Fault::malformed(path, format!("has no topic `{name}`"), "record again"))?;
+        match topic.fault.take() {
             Some(reason) => Err(Fault::malformed(path, format!("`{name}` {reason}"), "record again, or leave this topic out")),
-            None => Ok(topic),
+            // The name stays, for complaints about other choices.
+            None => Ok(Topic {
+                samples: std::mem::take(&mut topic.samples),
+                images: std::mem::take(&mut topic.images),
+                name,
+                fault: None,
+                ..*topic
+            }),
         }
     }
 }

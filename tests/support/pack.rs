@@ -81,12 +81,11 @@ pub fn messages(mav0: &Path, wire: Wire, pixels: Pixels) -> Vec<Message> {
         let nanos: i64 = row[0].parse().unwrap();
         let value = |column: usize| row[column].parse::<f64>().unwrap();
         let mut message = Fields::new(wire, nanos, "imu");
-        [0.0, 0.0, 0.0, 1.0].map(|value| message.f64(value));
-        [0.0; 9].map(|value| message.f64(value));
-        [1, 2, 3].map(|column| message.f64(value(column)));
-        [0.0; 9].map(|value| message.f64(value));
-        [4, 5, 6].map(|column| message.f64(value(column)));
-        [0.0; 9].map(|value| message.f64(value));
+        let (gyro, accel) = ([1, 2, 3].map(value), [4, 5, 6].map(value));
+        // Orientation, angular velocity and linear acceleration, each with its covariance.
+        for values in [&[0.0, 0.0, 0.0, 1.0][..], &[0.0; 9], &gyro, &[0.0; 9], &accel, &[0.0; 9]] {
+            values.iter().for_each(|value| message.f64(*value));
+        }
         all.push(Message { nanos, topic: IMU_TOPIC, kind: "sensor_msgs/Imu", bytes: message.bytes });
     }
     for row in table(&mav0.join("cam0/data.csv")) {

@@ -104,7 +104,7 @@ fn assert_one_trajectory(packed: &Packed, fewest: usize) {
 
 #[test]
 fn a_flight_gives_one_trajectory_through_every_format() {
-    let motion = AnalyticConfig { kind: MotionKind::Easy, duration_s: 4.0, rest_s: 0.0, ..AnalyticConfig::default() };
+    let motion = AnalyticConfig { kind: MotionKind::Medium, duration_s: 5.0, rest_s: 0.0, ..AnalyticConfig::default() };
     let source = MotionSource::Analytic(motion, ImuConfig::default());
     let rendered = RenderedFlight::new(&source, &RenderConfig::default(), 3, 3).unwrap();
     let temporary = tempfile::tempdir().unwrap();

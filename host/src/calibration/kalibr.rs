@@ -72,7 +72,7 @@ pub(crate) fn cameras_from(path: &Path, text: &str) -> Result<Vec<ChainCamera>, 
             }
         };
         let shift_s = yaml.timeshift_cam_imu.unwrap_or(0.0);
-        if !(shift_s.abs() <= MOST_SHIFT_S) {
+        if !shift_s.is_finite() || shift_s.abs() > MOST_SHIFT_S {
             return Err(Fault::malformed(path, format!("timeshift_cam_imu of `{name}` is {shift_s} s"), "give seconds"));
         }
         #[allow(clippy::cast_possible_truncation)]
@@ -143,7 +143,7 @@ cam1:
     #[test]
     fn a_chain_maps_the_unit_into_the_camera_and_shifts_its_clock() {
         let cameras = cameras_from(Path::new("camchain.yaml"), CHAIN).unwrap();
-        let [camera] = &cameras[..] else { panic!("{cameras:?}") };
+        let [camera] = <[ChainCamera; 1]>::try_from(cameras).unwrap();
         // The origin of the unit lies at the translation of T_cam_imu in the camera.
         let origin = camera.body_from_camera.inverse() * Point3::origin();
         assert!((origin - Point3::new(0.07008565, -0.01771023, 0.00399246)).norm() < 1e-12, "{origin}");
@@ -152,8 +152,9 @@ cam1:
         assert!((along_x.y + 0.9998017).abs() < 1e-4, "{along_x}");
         assert_eq!(camera.shift, Span::from_nanos(-81_210));
         assert_eq!(camera.topic.as_deref(), Some("/cam0/image_raw"));
-        let CameraModel::PinholeRadTan(model) = camera.camera else { panic!("{:?}", camera.camera) };
-        assert_eq!((model.size_px, model.focal_px), ((752, 480), [461.629, 460.152]));
+        let is_given =
+            |model: &CameraModel<f64>| matches!(model, CameraModel::PinholeRadTan(model) if model.focal_px == [461.629, 460.152]);
+        assert!(is_given(&camera.camera), "{:?}", camera.camera);
     }
 
     #[test]

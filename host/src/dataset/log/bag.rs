@@ -32,6 +32,9 @@ pub(super) struct Bag {
     missing: [u32; 2],
 }
 
+/// The header of a record and where its data lie.
+type Head = (Vec<u8>, Range<u64>);
+
 impl Bag {
     /// Opens a bag and reads its first record.
     pub(super) fn open(path: &Path) -> Result<Self, Fault> {
@@ -76,7 +79,7 @@ impl Bag {
     }
 
     /// The header of the next record and where its data lie; the file stands at the data. `None` at the end of the file.
-    fn head(&mut self) -> Result<Option<(Vec<u8>, Range<u64>)>, Fault> {
+    fn head(&mut self) -> Result<Option<Head>, Fault> {
         if self.at == self.length {
             return Ok(None);
         }

@@ -18,19 +18,22 @@ PANICS = re.compile(r"core::(panicking|slice::index::slice|option::\w+_failed|re
 # Why no input reaches the panics of a folder or file; the longest match counts.
 REASONS = {
     "core/src/camera": "arrays of fixed length",
+    "core/src/depth": "as many values as landmarks of the window, at most POINTS",
     "core/src/estimator": "frames of the window, below its length by the loop or the check before",
     "core/src/factor": "fixed-size blocks, and rows of the window's frames: at most FRAMES of 15",
     "core/src/imu": "views of 3 and 15 rows into matrices of fixed size",
     "core/src/init": "the first `frames` of FRAMES places, refused at the entry when there are more; fixed-size matrices",
     "core/src/lie": "matrices of fixed size",
+    "core/src/plane": "places below the number of samples, by the ranges of the groups; corners below V; eigenvalues of 3×3",
     "core/src/real": "none",
-    "core/src/robust": "a slice that is not empty by the check before",
+    "core/src/robust": "a slice that is not empty by the check before, and places between its ends",
     "core/src/solve": "blocks of frames of the window, at places below PAIRS = FRAMES (FRAMES + 1) / 2",
     "core/src/storage": "places below the capacity, by the type's invariant",
     "core/src/window": "frames of the window, at most FRAMES",
     "core/src/image": "levels below MAX_LEVELS by the loop",
     "core/src/track": "cells and tracks below the capacity by the loop",
     "firmware-sim/src": "the command line that the emulator hands over; not part of the estimator",
+    "firmware-sim/src/planes": "the samples of a look, by the ranges of their groups",
     "outside": "sorting and eigenvalues of libraries, on slices and matrices whose size they checked",
 }
 

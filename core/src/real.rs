@@ -5,7 +5,9 @@ use nalgebra::RealField;
 /// A floating-point scalar.
 ///
 /// The elementary functions that cost most on a microcontroller go through this trait under names of their own,
-/// so that a target can bring a cheaper version in one place.
+/// so that a target can bring a cheaper version in one place. Both scalars use `libm`, on every machine the same: on a Cortex-M7 all of
+/// it takes 2.0 % of an image's instructions (`sqrtf` 1.1, `sincosf` 0.7, `logf` 0.2), which is what the approximations of `micromath`
+/// could gain at most.
 pub trait Real: RealField + Copy + Default + 'static {
     /// Zero, usable in constants.
     const ZERO: Self;

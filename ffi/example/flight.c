@@ -42,7 +42,7 @@ static uint32_t bits(float value) {
 int main(int count, char **arguments) {
   FILE *file = count == 2 ? fopen(arguments[1], "rb") : NULL;
   char magic[8];
-  uint32_t counts[4];
+  uint32_t counts[7]; /* samples, images, depth maps, width, height, columns and rows of a depth map */
   float numbers[19];
   if (!file) {
     fprintf(stderr, "usage: flight RECORDING\n");
@@ -51,7 +51,7 @@ int main(int count, char **arguments) {
   must_read(magic, sizeof magic, file);
   must_read(counts, sizeof counts, file);
   must_read(numbers, sizeof numbers, file);
-  if (memcmp(magic, "libella1", 8) != 0 || counts[2] != WIDTH || counts[3] != HEIGHT) {
+  if (memcmp(magic, "libella2", 8) != 0 || counts[3] != WIDTH || counts[4] != HEIGHT) {
     fprintf(stderr, "not a recording of %d x %d px\n", WIDTH, HEIGHT);
     return 1;
   }

@@ -253,13 +253,14 @@ pub unsafe extern "C" fn libella_push_tracks(
 }
 
 /// Works on the newest image, with at most `iterations` of the solver (4 is usual), and tells what became of it.
+/// A start in motion is spread over three to nine images, so that none takes much longer than one in flight.
 ///
 /// # Safety
 /// `handle` is null or of `libella_init`; `outcome` is null, when nobody wants to know, or valid.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn libella_step(handle: *mut Libella, iterations: u8, outcome: *mut LibellaOutcome) -> LibellaStatus {
     let instance = opened!(handle);
-    let found = convert::outcome(instance.step(StepBudget { iterations }));
+    let found = convert::outcome(instance.step(StepBudget { iterations, ..StepBudget::even() }));
     if !outcome.is_null() {
         // SAFETY: not null, hence valid, as the caller promised.
         unsafe { *outcome = found };

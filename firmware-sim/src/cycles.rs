@@ -15,14 +15,18 @@ pub struct Cost {
     pub imu: u32,
     /// `push_image`.
     pub image: u32,
+    /// `push_depth`.
+    pub depth: u32,
     /// `step`.
     pub step: u32,
+    /// Planes: those that landmarks are attached to and, now and then, seeking them.
+    pub planes: u32,
 }
 
 impl Cost {
     /// All of it.
     #[must_use]
     pub fn total(&self) -> u32 {
-        self.imu.saturating_add(self.image).saturating_add(self.step)
+        [self.image, self.depth, self.step, self.planes].into_iter().fold(self.imu, u32::saturating_add)
     }
 }

@@ -16,6 +16,12 @@ pub enum Fault {
     TimeBack,
     /// Neither sensor answers for 2 s.
     Gap,
+    /// Depth maps of what is no number, for 2 s.
+    NanDepth,
+    /// Depth maps of zeros, for 2 s.
+    ZeroDepth,
+    /// Depth maps with near for far and far for near, for 2 s.
+    InvertedDepth,
 }
 
 /// When the fault begins.
@@ -23,12 +29,15 @@ pub const START: Span = Span::from_millis(3_500);
 
 impl Fault {
     /// Every one, with its name on the command line.
-    pub const ALL: [(&'static str, Self); 5] = [
+    pub const ALL: [(&'static str, Self); 8] = [
         ("none", Self::None),
         ("nan-imu", Self::NanImu),
         ("stuck-camera", Self::StuckCamera),
         ("time-back", Self::TimeBack),
         ("gap", Self::Gap),
+        ("nan-depth", Self::NanDepth),
+        ("zero-depth", Self::ZeroDepth),
+        ("inverted-depth", Self::InvertedDepth),
     ];
 
     /// The fault of a name.
@@ -37,13 +46,19 @@ impl Fault {
         Self::ALL.into_iter().find(|(known, _)| *known == name).map(|(_, fault)| fault)
     }
 
+    /// Whether it is one of depth maps.
+    #[must_use]
+    pub fn is_of_depth(self) -> bool {
+        matches!(self, Self::NanDepth | Self::ZeroDepth | Self::InvertedDepth)
+    }
+
     fn lasts(self) -> Span {
         Span::from_millis(match self {
             Self::None => 0,
             Self::NanImu => 100,
             Self::StuckCamera => 1_000,
             Self::TimeBack => 500,
-            Self::Gap => 2_000,
+            Self::Gap | Self::NanDepth | Self::ZeroDepth | Self::InvertedDepth => 2_000,
         })
     }
 

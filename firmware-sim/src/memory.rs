@@ -1,6 +1,6 @@
 //! All the memory that the estimator lives in.
 
-use libella_core::estimator::{EstimatorConfig, Place};
+use libella_core::estimator::{EstimatorConfig, Place, PlaneConfig};
 use libella_core::imu::ImuNoise;
 use libella_core::profile::{Micro, MicroPyramids};
 
@@ -17,9 +17,10 @@ pub fn build<'a>(place: &'a mut Place<Micro>, replay: &Replay<'_>) -> &'a mut Mi
 
 /// Settings for 160 pixels across: a keyframe after the same angle as on 752, and corners as sharp as averaging leaves them.
 ///
-/// Measured at 160x120 on the rendered V1_01 and V1_02 and on the real MH_01 (`accuracy`): ATE 0.14, 0.17 and 0.07 m. Neighbouring
-/// settings scatter by half of that: 0.1 px gives 0.17, 0.15 and 0.11 m, 0.2 px 0.14, 0.24 and 0.07 m.
+/// Measured at 160x120 with planes on the rendered V1_01 and V1_02 and on the real MH_01 (`accuracy`): ATE 0.13, 0.24 and 0.03 m. Neighbouring
+/// settings scatter by half of that: 0.12 px gives 0.13, 0.21 and 0.05 m, 0.18 px 0.22, 0.17 and 0.04 m.
 #[must_use]
 pub fn settings(imu_noise: ImuNoise<f32>) -> EstimatorConfig<f32> {
-    EstimatorConfig { imu_noise, keyframe_parallax_px: 4.6, sigma_px: 0.15, ..EstimatorConfig::default() }
+    let planes = PlaneConfig { theta_m: 0.1, sigma_m: 0.04, ..PlaneConfig::default() };
+    EstimatorConfig { imu_noise, keyframe_parallax_px: 4.6, sigma_px: 0.15, planes, ..EstimatorConfig::default() }
 }

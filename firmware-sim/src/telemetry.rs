@@ -2,7 +2,9 @@
 //!
 //! Numbers that matter are printed as the hexadecimal bits of their `f32`, so that a pose is exact.
 
+use libella_core::depth::Verdict;
 use libella_core::estimator::{FrameOutcome, Health, InputError, Waiting};
+use libella_core::plane::PlaneClass;
 
 /// Where lines go.
 pub trait Telemetry {
@@ -21,24 +23,28 @@ impl Line {
     /// A line that begins with `word`.
     #[must_use]
     pub fn new(word: &str) -> Self {
-        Self { bytes: [0; 120], length: 0 }.text(word)
+        let mut line = Self { bytes: [0; 120], length: 0 };
+        line.text(word);
+        line
     }
 
     /// Sends it.
-    pub fn send(self, telemetry: &mut impl Telemetry) {
-        let ended = self.text("\n");
-        telemetry.send(ended.bytes.get(..ended.length).unwrap_or_default());
+    pub fn send(mut self, telemetry: &mut dyn Telemetry) {
+        self.text("\n");
+        telemetry.send(self.bytes.get(..self.length).unwrap_or_default());
     }
 
     /// Adds a word.
     #[must_use]
-    pub fn word(self, word: &str) -> Self {
-        self.text(" ").text(word)
+    pub fn word(mut self, word: &str) -> Self {
+        self.text(" ");
+        self.text(word);
+        self
     }
 
     /// Adds a whole number.
     #[must_use]
-    pub fn decimal(self, value: u32) -> Self {
+    pub fn decimal(mut self, value: u32) -> Self {
         let (mut digits, mut rest, mut first) = ([0_u8; 10], value, 10);
         for digit in digits.iter_mut().rev() {
             *digit = b'0' + (rest % 10) as u8;
@@ -48,29 +54,33 @@ impl Line {
                 break;
             }
         }
-        digits.get(first..).unwrap_or_default().iter().fold(self.text(" "), |line, digit| line.byte(*digit))
+        self.text(" ");
+        self.write(digits.get(first..).unwrap_or_default());
+        self
     }
 
     /// Adds the bits of a number.
     #[must_use]
-    pub fn bits(self, value: f32) -> Self {
+    pub fn bits(mut self, value: f32) -> Self {
         let bits = value.to_bits();
-        (0..8).rev().fold(self.text(" "), |line, nibble| {
+        self.text(" ");
+        for nibble in (0..8).rev() {
             let digit = (bits >> (4 * nibble)) as u8 & 15;
-            line.byte(if digit < 10 { b'0' + digit } else { b'a' + digit - 10 })
-        })
-    }
-
-    fn text(self, text: &str) -> Self {
-        text.bytes().fold(self, Self::byte)
-    }
-
-    fn byte(mut self, byte: u8) -> Self {
-        if let Some(place) = self.bytes.get_mut(self.length) {
-            *place = byte;
-            self.length += 1;
+            self.write(&[if digit < 10 { b'0' + digit } else { b'a' + digit - 10 }]);
         }
         self
+    }
+
+    fn text(&mut self, text: &str) {
+        self.write(text.as_bytes());
+    }
+
+    #[inline(never)]
+    fn write(&mut self, bytes: &[u8]) {
+        for (place, byte) in self.bytes.iter_mut().skip(self.length).zip(bytes) {
+            *place = *byte;
+            self.length += 1;
+        }
     }
 }
 
@@ -111,8 +121,31 @@ pub fn refusal(error: &InputError) -> &'static str {
         InputError::WrongImageSize { .. } => "wrong-image-size",
         InputError::MissingImu(_) => "missing-imu",
         InputError::PyramidTooSmall { .. } => "pyramid-too-small",
+        InputError::NoSuchImage(_) => "no-such-image",
         InputError::Full => "full",
         _ => "unknown",
+    }
+}
+
+/// The name of what became of a depth map.
+#[must_use]
+pub fn verdict(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Believed => "believed",
+        Verdict::OtherScale => "other-scale",
+        Verdict::NoDepth => "no-depth",
+    }
+}
+
+/// The name of a kind of plane.
+#[must_use]
+pub fn class(class: PlaneClass) -> &'static str {
+    match class {
+        PlaneClass::Floor => "floor",
+        PlaneClass::Ceiling => "ceiling",
+        PlaneClass::Wall => "wall",
+        PlaneClass::Table => "table",
+        _ => "other",
     }
 }
 
@@ -124,6 +157,7 @@ fn waits(waiting: Waiting) -> &'static str {
         Waiting::Excitation => "waits-for-excitation",
         Waiting::Gravity => "waits-for-gravity",
         Waiting::Agreement => "waits-for-agreement",
+        Waiting::Computation => "computes-its-start",
         _ => "waits",
     }
 }

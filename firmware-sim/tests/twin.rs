@@ -114,7 +114,7 @@ fn parts(line: &str) -> (Vec<&str>, Vec<f32>) {
 }
 
 fn millis_and_position(line: &str) -> Option<(i64, Vector3<f64>)> {
-    let (words, numbers) = parts(line);
+    let (words, numbers) = parts(line.strip_prefix("image").map(|_| line)?);
     let [x, y, z, ..] = numbers[..] else { return None };
     Some((words[1].parse().unwrap(), Vector3::new(x, y, z).cast()))
 }
@@ -154,7 +154,8 @@ fn accuracy(lines: &[String], skipped_ms: i64) -> (f64, f64) {
 #[test]
 fn the_host_flies_as_the_microcontroller_did() {
     let recording = file("replay/flight.bin");
-    for (plan, skipped_ms) in [("none", 0), ("moving", 2_000)] {
+    let plans = [("none", 0), ("planes", 0), ("depth", 0), ("full", 0), ("moving", 2_000), ("full-moving", 2_000)];
+    for (plan, skipped_ms) in plans {
         let flown = flight(&recording, plan);
         let expected = String::from_utf8(file(&format!("expected/{plan}.txt"))).unwrap();
         let expected: Vec<&str> = expected.lines().collect();
@@ -180,7 +181,9 @@ fn the_host_flies_as_the_microcontroller_did() {
 #[test]
 fn faults_end_in_reported_states_and_the_flight_goes_on() {
     let recording = file("replay/flight.bin");
-    for (plan, refused, poses) in [("nan-imu", 20, 130), ("stuck-camera", 0, 120), ("time-back", 100, 120), ("gap", 0, 90)] {
+    let of_motion = [("nan-imu", 20, 130), ("stuck-camera", 0, 120), ("time-back", 100, 120), ("gap", 0, 90)];
+    let of_depth = [("nan-depth", 0, 135), ("zero-depth", 0, 135), ("inverted-depth", 0, 135)];
+    for (plan, refused, poses) in of_motion.into_iter().chain(of_depth) {
         let flown = flight(&recording, plan);
         println!("{plan}: {:?}, ATE {:.3} m", flown.summary, accuracy(&flown.lines, 0).0);
         assert!(flown.summary.refused >= refused, "{plan}: faulty data was taken");
@@ -203,7 +206,17 @@ fn what_is_no_recording_is_refused() {
     assert!(Replay::new(&recording[..recording.len() - 1]).is_none());
     assert!(Replay::new(&recording[1..]).is_none());
     assert!(Replay::new(&[]).is_none());
-    let mut huge = recording[..200].to_vec();
-    huge[8..16].fill(0xff);
-    assert!(Replay::new(&huge).is_none());
+    let changed = |at: usize, value: u32| {
+        let mut bytes = recording.clone();
+        bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
+        bytes
+    };
+    // Counts of samples, images and depth maps, the size of an image and that of a map.
+    for at in (8..36).step_by(4) {
+        assert!(Replay::new(&changed(at, u32::MAX)).is_none(), "{at}");
+    }
+    // A map of one column, and one larger than the memory for it.
+    assert!(Replay::new(&changed(28, 1)).is_none());
+    assert!(Replay::new(&changed(32, 16)).is_none());
+    assert!(Replay::new(&changed(16, 29)).is_some(), "one map less is still a recording");
 }

@@ -108,6 +108,12 @@ struct MatrixYaml {
 }
 
 #[derive(Deserialize)]
+struct ExtrinsicsYaml {
+    #[serde(rename = "T_BS")]
+    extrinsics: Option<MatrixYaml>,
+}
+
+#[derive(Deserialize)]
 struct CameraYaml {
     #[serde(rename = "T_BS")]
     extrinsics: Option<MatrixYaml>,
@@ -221,6 +227,15 @@ fn noise(path: &Path, yaml: &ImuYaml) -> Result<ImuNoise<f64>, Fault> {
         gyro_random_walk: density("gyroscope_random_walk", yaml.gyroscope_random_walk, "in rad/s^2/sqrt(Hz)")?,
         accel_random_walk: density("accelerometer_random_walk", yaml.accelerometer_random_walk, "in m/s^3/sqrt(Hz)")?,
     })
+}
+
+/// Reads `T_BS` of any `sensor.yaml`: the pose of the sensor on the body, the identity where it does not say.
+///
+/// # Errors
+/// When the file is absent or damaged, or what it says is no rigid transform.
+pub fn read_extrinsics(path: &Path) -> Result<Isometry3<f64>, Fault> {
+    let yaml: ExtrinsicsYaml = parse(path, &read_text(path, SENSOR_REMEDY)?)?;
+    yaml.extrinsics.map_or_else(|| Ok(Isometry3::identity()), |matrix| pose(path, "T_BS", &matrix.data))
 }
 
 /// What to do where there is no calibration.

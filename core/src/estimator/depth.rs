@@ -17,6 +17,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
 {
     /// Takes the depth map of an image that was pushed, best before its [`step`](Self::step). The values are read during the call only.
     ///
+    /// A map of an image that is left out while a start is computed is left out as well.
+    ///
     /// # Errors
     /// When the window has no image of this time any more; nothing changes then.
     pub fn push_depth(&mut self, stamp: Timestamp, map: &DepthView<'_>) -> Result<(), InputError> {
@@ -34,6 +36,9 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
 
     fn take_depths(&mut self, stamp: Timestamp, sample: impl Fn(TrackId, &Vector2<T>) -> Option<DepthSample<T>>) -> Result<(), InputError> {
         let Some(frame) = self.window.frames.iter().rposition(|frame| frame.stamp == stamp) else {
+            if self.attempt.is_under_way() && self.newest_image == Some(stamp) {
+                return Ok(());
+            }
             return Err(InputError::NoSuchImage(stamp));
         };
         let sample = |track: TrackId, corner: &Vector2<T>| sample(track, corner).filter(DepthSample::is_usable);

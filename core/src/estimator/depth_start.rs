@@ -16,7 +16,8 @@ use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 use super::{Estimator, StepBudget, Waiting};
 use crate::imu::NavState;
 use crate::init::world_from_specific_force;
-use crate::lie::so3::hat;
+use crate::lie::matrix::{of_rotation, product};
+use crate::lie::so3::{self, hat};
 use crate::real::Real;
 use crate::window::{CameraPose, DepthSource, Frame, Landmark};
 
@@ -73,7 +74,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         for (sample, next) in self.inertial.pairs(first.stamp, last.stamp) {
             force += turned * sample.accel_m_s2;
             count += T::one();
-            turned *= UnitQuaternion::from_scaled_axis(sample.gyro_rad_s * (next.stamp - sample.stamp).as_seconds::<T>());
+            turned *= so3::exp(&(sample.gyro_rad_s * (next.stamp - sample.stamp).as_seconds::<T>()));
         }
         if count == T::ZERO {
             return None;
@@ -107,7 +108,7 @@ fn first_motion<'a, T: Real, const FRAMES: usize>(
     from_rest: &[NavState<T>],
     body_from_camera: &Isometry3<T>,
 ) -> Option<(Vector3<T>, Vector3<T>)> {
-    let camera_from_body = body_from_camera.rotation.inverse().to_rotation_matrix().into_inner();
+    let camera_from_body = of_rotation(&body_from_camera.rotation.inverse());
     let mut cameras = [CameraPose::default(); FRAMES];
     for (camera, state) in cameras.iter_mut().zip(from_rest) {
         *camera = CameraPose::of(state, body_from_camera);
@@ -131,7 +132,7 @@ fn first_motion<'a, T: Real, const FRAMES: usize>(
                 if y.z < T::of(0.05) {
                     continue;
                 }
-                let (by_velocity, by_bias) = (camera_from_world * seconds, hat(&y) * camera_from_body * seconds);
+                let (by_velocity, by_bias) = (camera_from_world * seconds, product(&hat(&y), &camera_from_body) * seconds);
                 for (axis, coordinate) in [seen.x, seen.y].into_iter().enumerate() {
                     let slope = |by: &Matrix3<T>| (by.row(axis) - by.row(2) * coordinate).transpose() / y.z;
                     let (by_velocity, by_bias) = (slope(&by_velocity), slope(&by_bias));
@@ -141,7 +142,10 @@ fn first_motion<'a, T: Real, const FRAMES: usize>(
                     let weight = if pass == 0 { T::one() } else { (T::of(ROBUST) / residual.max(T::of(1e-9))).min(T::one()) };
                     motion += (value - by_bias.dot(&found.fixed_rows::<3>(3))).abs();
                     unexplained += residual;
-                    normal += row * row.transpose() * weight;
+                    for (column, at) in row.iter().enumerate() {
+                        let mut sums = normal.column_mut(column);
+                        sums += row * *at * weight;
+                    }
                     right += row * (value * weight);
                 }
             }

@@ -3,27 +3,18 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::InputError;
-use crate::imu::{ImuBias, ImuNoise, ImuSample, Preintegration};
+use crate::imu::{ImuBias, ImuNoise, ImuRange, ImuSample, Preintegration, stretch};
 use crate::lie::so3;
 use crate::real::Real;
 use crate::storage::blank::blank;
 use crate::storage::ring::Ring;
-use crate::time::{Span, Timestamp};
-
-/// Longest time between two samples that still counts as continuous.
-const LONGEST_INTERVAL: Span = Span::from_millis(40);
-
-/// A reading this near the end of the range counts as cut off, in shares of the range.
-const SATURATED: f64 = 0.995;
-/// What a reading that was cut off leaves unsaid, in multiples of the white noise.
-const SATURATED_NOISE: f64 = 100.0;
+use crate::time::Timestamp;
 
 /// The newest `SAMPLES` samples, oldest first.
 #[derive(Debug)]
 pub struct InertialHistory<T: Real, const SAMPLES: usize> {
     samples: Ring<ImuSample<T>, SAMPLES>,
-    /// Largest readings of the gyro (rad/s) and the accelerometer (m/s²).
-    range: (T, T),
+    range: ImuRange<T>,
 }
 
 blank!([T: Real, const SAMPLES: usize] InertialHistory<T, SAMPLES> { samples, range });
@@ -31,25 +22,20 @@ blank!([T: Real, const SAMPLES: usize] InertialHistory<T, SAMPLES> { samples, ra
 impl<T: Real, const SAMPLES: usize> Default for InertialHistory<T, SAMPLES> {
     fn default() -> Self {
         let nothing = ImuSample { stamp: Timestamp::from_nanos(0), gyro_rad_s: Vector3::zeros(), accel_m_s2: Vector3::zeros() };
-        Self { samples: Ring::filled_with(nothing), range: (T::of(1e30), T::of(1e30)) }
+        Self { samples: Ring::filled_with(nothing), range: ImuRange { gyro_rad_s: T::of(1e30), accel_m_s2: T::of(1e30) } }
     }
 }
 
 impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
     /// The sensor's readings end at `gyro_rad_s` and `accel_m_s2`.
     pub fn set_range(&mut self, gyro_rad_s: T, accel_m_s2: T) {
-        self.range = (gyro_rad_s, accel_m_s2);
-    }
-
-    /// Whether one of the readings is at the end of its range: the truth lies somewhere beyond.
-    fn is_saturated(&self, sample: &ImuSample<T>) -> bool {
-        sample.gyro_rad_s.amax() >= self.range.0 * T::of(SATURATED) || sample.accel_m_s2.amax() >= self.range.1 * T::of(SATURATED)
+        self.range = ImuRange { gyro_rad_s, accel_m_s2 };
     }
 
     /// Samples of an interval that are at the end of the range.
     #[must_use]
     pub fn saturated(&self, from: Timestamp, to: Timestamp) -> usize {
-        self.samples.iter().filter(|sample| sample.stamp > from && sample.stamp <= to && self.is_saturated(sample)).count()
+        self.samples.iter().filter(|sample| sample.stamp > from && sample.stamp <= to && self.range.is_exceeded_by(sample)).count()
     }
 
     /// Adds a sample; the oldest makes room once it lies before `integrated_until`.
@@ -86,6 +72,12 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
         }
     }
 
+    /// Samples after `from`, up to `to`.
+    #[must_use]
+    pub fn count(&self, from: Timestamp, to: Timestamp) -> usize {
+        self.samples.iter().filter(|sample| sample.stamp > from && sample.stamp <= to).count()
+    }
+
     /// The samples of an interval, side by side.
     pub fn between(&mut self, from: Timestamp, to: Timestamp) -> &[ImuSample<T>] {
         let all: &[ImuSample<T>] = self.samples.make_contiguous();
@@ -96,27 +88,13 @@ impl<T: Real, const SAMPLES: usize> InertialHistory<T, SAMPLES> {
 
     /// Samples of the closed interval, those at its ends interpolated, in neighbouring pairs.
     pub fn pairs(&self, from: Timestamp, to: Timestamp) -> impl Iterator<Item = (ImuSample<T>, ImuSample<T>)> + '_ {
-        self.samples.iter().zip(self.samples.iter().skip(1)).filter(move |(a, b)| b.stamp > from && a.stamp < to).map(move |(a, b)| {
-            let start = if a.stamp < from { ImuSample::interpolate(a, b, from) } else { *a };
-            let end = if b.stamp > to { ImuSample::interpolate(a, b, to) } else { *b };
-            (start, end)
-        })
+        self.samples.iter().zip(self.samples.iter().skip(1)).filter_map(move |(a, b)| stretch::clipped(a, b, from, to))
     }
 
     /// The integral over an interval, linearised at `bias`; empty where samples are missing.
     #[must_use]
     pub fn integrate(&self, noise: &ImuNoise<T>, bias: ImuBias<T>, from: Timestamp, to: Timestamp) -> Preintegration<T> {
-        let mut integral = Preintegration::new(bias);
-        for (start, end) in self.pairs(from, to) {
-            // Over a gap the rate between two samples is a guess: ten times the noise.
-            let is_gap = (end.stamp - start.stamp).as_nanos() > LONGEST_INTERVAL.as_nanos();
-            let noise = if is_gap { &noise.scaled(T::of(10.0)) } else { noise };
-            let cut_off = self.is_saturated(&start) || self.is_saturated(&end);
-            let noise = if cut_off { &noise.with_white_scaled(T::of(SATURATED_NOISE)) } else { noise };
-            // Pairs come in order, each newer than the last, so none is refused.
-            let _ = integral.integrate(noise, &start, &end);
-        }
-        integral
+        stretch::integrate(self.pairs(from, to), noise, &self.range, bias)
     }
 
     /// The rotation over an interval as the gyro saw it, `R_from←to`, as far as samples reach.

@@ -30,11 +30,13 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     /// # Errors
     /// When the image is not newer than the last one, or inertial samples do not reach it; nothing changes then.
     pub fn push_tracks(&mut self, stamp: Timestamp, observations: &[Observation<T>]) -> Result<(), InputError> {
-        self.open_frame(stamp)?;
-        for observation in observations {
-            self.observe(observation);
+        if self.open_frame(stamp)? {
+            for observation in observations {
+                self.observe(observation);
+            }
+            self.close_frame();
         }
-        self.close_frame();
+        (self.newest_image, self.pending) = (Some(stamp), true);
         Ok(())
     }
 
@@ -54,22 +56,27 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         if given != expected {
             return Err(InputError::WrongImageSize { given, expected });
         }
-        self.open_frame(stamp)?;
+        let joins = self.open_frame(stamp)?;
         let rotation = self.last_image.map(|last| {
             let bias = self.window.frames.last().map_or_else(Vector3::zeros, |frame| frame.state.bias.gyro_rad_s);
             let camera = self.settings.body_from_camera.rotation;
             camera.inverse() * self.inertial.rotation(&bias, last, stamp).inverse() * camera
         });
         if self.front_end.process(image, pyramids, &self.camera, rotation).is_err() {
-            self.window.frames.pop();
+            if joins {
+                self.window.frames.pop();
+            }
             return Err(InputError::PyramidTooSmall { bytes: BYTES });
         }
         self.last_image = Some(stamp);
-        for i in 0..self.front_end.tracks().len() {
-            let Some(observation) = self.front_end.observations::<T>().nth(i) else { break };
-            self.observe(&observation);
+        if joins {
+            for i in 0..self.front_end.tracks().len() {
+                let Some(observation) = self.front_end.observations::<T>().nth(i) else { break };
+                self.observe(&observation);
+            }
+            self.close_frame();
         }
-        self.close_frame();
+        (self.newest_image, self.pending) = (Some(stamp), true);
         Ok(())
     }
 
@@ -84,19 +91,19 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         let newest = self.window.frames.len() - 1;
         self.stillness.update(&self.image_motion, self.window.frames[newest].stamp, self.rest_motion());
         self.window.landmarks.retain(|landmark| landmark.active || landmark.is_seen_in(newest));
-        self.pending = true;
     }
 
-    /// Appends an empty frame whose state is predicted from the one before.
-    fn open_frame(&mut self, stamp: Timestamp) -> Result<(), InputError> {
-        if let Some(last) = self.window.frames.last()
-            && stamp <= last.stamp
-        {
-            return Err(InputError::Stale(last.stamp - stamp));
+    /// Appends an empty frame whose state is predicted from the one before; `false` where the image is left out of the window.
+    fn open_frame(&mut self, stamp: Timestamp) -> Result<bool, InputError> {
+        if let Some(last) = self.newest_image.filter(|last| stamp <= *last) {
+            return Err(InputError::Stale(last - stamp));
         }
         let from = self.window.frames.last().map_or(stamp, |last| last.stamp);
         if !self.inertial.covers(from, stamp) {
             return Err(InputError::MissingImu(stamp));
+        }
+        if self.leaves_out(stamp) {
+            return Ok(false);
         }
         while self.window.frames.is_full() {
             self.make_room();
@@ -114,7 +121,7 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.image_motion = self.no_flow();
         // There is room: made above.
         let _ = self.window.frames.push(frame);
-        Ok(())
+        Ok(true)
     }
 
     /// The common displacement that ends stillness, on the plane `z = 1`.

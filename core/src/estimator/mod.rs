@@ -1,5 +1,7 @@
 //! The one place that knows the order of events.
 
+mod attempt;
+mod biases;
 mod config;
 mod depth;
 mod depth_start;
@@ -19,6 +21,7 @@ pub use place::Place;
 
 use nalgebra::{Isometry3, SMatrix, Vector3};
 
+use self::attempt::Attempt;
 use self::inertial::InertialHistory;
 use crate::camera::{Camera, CameraModel};
 use crate::depth::ScaleTracker;
@@ -71,7 +74,11 @@ pub struct Estimator<T: Real, const FRAMES: usize, const PAIRS: usize, const POI
     /// Corners of the images that were pushed.
     front_end: FrontEnd<POINTS>,
     last_image: Option<Timestamp>,
+    /// The newest image since the last reset, in the window or left out of it.
+    newest_image: Option<Timestamp>,
     init_landmarks: [InitLandmark<T>; POINTS],
+    /// The start in motion that is being computed.
+    attempt: Attempt<T>,
     /// The factor on the depths that are given.
     depth_scale: ScaleTracker<T>,
     /// What the depth map of the pending frame did.
@@ -100,7 +107,9 @@ Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES> {
     report,
     front_end,
     last_image,
+    newest_image,
     init_landmarks,
+    attempt,
     depth_scale,
     depth_report,
     start_with_depth,
@@ -191,6 +200,8 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         self.window.clear();
         self.prior.clear();
         self.depth_scale = self.config.depth.tracker();
+        self.attempt.end();
+        self.newest_image = None;
         self.pending = false;
         self.blind_since = None;
         self.health = Health::Initialising(Waiting::Tracks);

@@ -28,6 +28,8 @@ pub enum Waiting {
     Gravity,
     /// Vision and inertial samples contradict each other: wrong extrinsics, wrong time stamps, or a `sigma_px` far too small.
     Agreement,
+    /// The rest of its own computation, which [`StepBudget::start_iterations`] spreads over some images.
+    Computation,
 }
 
 /// How the estimator is.
@@ -71,11 +73,32 @@ pub enum FrameOutcome {
 pub struct StepBudget {
     /// Iterations of the solver at most; it ends sooner where the cost no longer falls.
     pub iterations: u8,
+    /// Iterations of a start in motion that one image may take; [`Self::WHOLE_START`] computes all of it in the image that allows it.
+    ///
+    /// While a start is spread, corners are followed but images do not join the window, and the first state is that of the image with
+    /// which the start began. With [`Self::even`] it takes three to nine images; one that lasts for three quarters of the inertial
+    /// samples that there is room for is given up.
+    pub start_iterations: u8,
+}
+
+impl StepBudget {
+    /// A start in motion in one image.
+    pub const WHOLE_START: u8 = u8::MAX;
+
+    /// For a microcontroller: a start in motion is spread, so that no image takes much longer than one in flight.
+    #[must_use]
+    pub const fn even() -> Self {
+        Self { iterations: 4, start_iterations: 16 }
+    }
+
+    pub(super) fn is_whole_start(self) -> bool {
+        self.start_iterations == Self::WHOLE_START
+    }
 }
 
 impl Default for StepBudget {
     fn default() -> Self {
-        Self { iterations: 4 }
+        Self { iterations: 4, start_iterations: Self::WHOLE_START }
     }
 }
 

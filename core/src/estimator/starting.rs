@@ -4,17 +4,15 @@
 //! collected at a fixed spacing until velocity, gravity and scale can be told from them together.
 //!
 
-use heapless::Vec;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::{Estimator, FrameOutcome, Health, StepBudget, Waiting};
 use crate::camera::Camera;
 use crate::imu::{ImuBias, NavState, Preintegration};
-use crate::init::{InertialLink, InitConfig, InitError, MAX_INIT_FRAMES, RestConfig, detect_rest, initialise_moving};
+use crate::init::{MAX_INIT_FRAMES, RestConfig, detect_rest};
 use crate::real::Real;
 use crate::solve::add_initial;
 use crate::time::Timestamp;
-use crate::window::NormalizedPoint;
 
 /// Iterations of the first solution at least: it starts farther away than any later one.
 const FIRST_ITERATIONS: u8 = 12;
@@ -27,18 +25,27 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     Estimator<T, FRAMES, PAIRS, POINTS, SAMPLES>
 {
     pub(super) fn step_starting(&mut self, budget: StepBudget) -> FrameOutcome {
-        if self.start_at_rest() {
-            return FrameOutcome::Initialised;
-        }
-        let with_depth = self.start_with_depth.map_or(Err(Waiting::Tracks), |start| start(self, budget));
-        match with_depth.or_else(|_| self.start_moving(budget)) {
+        // What is being computed goes before what was refused when it began.
+        let started = if self.attempt.is_under_way() { Err(Waiting::Computation) } else { self.start_at_once(budget) };
+        match started.or_else(|_| self.start_moving(budget)) {
             Ok(()) => FrameOutcome::Initialised,
             Err(waiting) => {
                 self.health = Health::Initialising(waiting);
-                self.space_frames();
+                if waiting != Waiting::Computation {
+                    self.attempt.end();
+                    self.space_frames();
+                }
                 FrameOutcome::Initialising(waiting)
             }
         }
+    }
+
+    /// The starts that are cheap.
+    fn start_at_once(&mut self, budget: StepBudget) -> Result<(), Waiting> {
+        if self.start_at_rest() {
+            return Ok(());
+        }
+        self.start_with_depth.map_or(Err(Waiting::Tracks), |start| start(self, budget))
     }
 
     /// Keeps frames apart while the window fills. A full window is thinned out, so that it spans more and more time, up to
@@ -111,12 +118,15 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
     }
 
     fn start_moving(&mut self, budget: StepBudget) -> Result<(), Waiting> {
-        let frames = self.window.frames.len();
-        let (Some(first), Some(last)) = (self.window.frames.first(), self.window.frames.last()) else { return Err(Waiting::Tracks) };
-        if frames < 5 || (last.stamp - first.stamp).as_seconds::<T>() < self.config.shortest_initialisation_s {
-            return Err(Waiting::Tracks);
+        if !self.attempt.is_under_way() {
+            let frames = self.window.frames.len();
+            let (Some(first), Some(last)) = (self.window.frames.first(), self.window.frames.last()) else { return Err(Waiting::Tracks) };
+            if frames < 5 || (last.stamp - first.stamp).as_seconds::<T>() < self.config.shortest_initialisation_s {
+                return Err(Waiting::Tracks);
+            }
+            self.attempt.begin(first.state.bias);
         }
-        self.align()?;
+        self.align(budget)?;
         self.settle_start(budget)
     }
 
@@ -167,67 +177,6 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         Ok(())
     }
 
-    /// Finds the states of all frames.
-    // Out of line: this memory is given back before the solution needs its own.
-    #[inline(never)]
-    fn align(&mut self) -> Result<(), Waiting> {
-        let mut states = [NavState::origin(); FRAMES];
-        let mut integrated_at = self.window.frames[0].state.bias;
-        // A second round integrates at the bias that the first one found.
-        for round in 0..2 {
-            let bias = self.align_once(&mut states)?;
-            let moved = (bias.gyro_rad_s - integrated_at.gyro_rad_s).norm();
-            integrated_at = bias;
-            self.integrate_at(bias);
-            if round == 1 || moved < T::of(0.02) {
-                break;
-            }
-        }
-        for (frame, state) in self.window.frames.iter_mut().zip(&states) {
-            frame.state = *state;
-        }
-        Ok(())
-    }
-
-    /// The states at the integrals as they are, and the biases that go with them.
-    #[inline(never)]
-    fn align_once(&mut self, states: &mut [NavState<T>; FRAMES]) -> Result<ImuBias<T>, Waiting> {
-        let mut links = Vec::<InertialLink<T>, FRAMES>::new();
-        links.extend(self.window.frames.iter().skip(1).map(|frame| InertialLink::from(&frame.from_previous)));
-        let config = InitConfig {
-            sigma_px: self.config.sigma_px,
-            focal_px: self.camera.focal_px(),
-            gravity_m_s2: self.config.gravity_m_s2,
-            maximum_scale_sigma: self.config.initialisation_scale_sigma,
-            ..InitConfig::default()
-        };
-        let landmarks = &self.window.landmarks;
-        // The memory of the normal equations is idle until there is a solution: it holds bearings, which are asked for hundreds of
-        // times, and equations of landmarks, as many as fit.
-        let idle = self.workspace.normal.memory().as_flattened_mut();
-        let (known, memory) = idle.split_at_mut(idle.len().min(landmarks.len() * FRAMES * 3));
-        let known = known.as_chunks_mut::<3>().0.as_chunks_mut::<FRAMES>().0;
-        for (row, landmark) in known.iter_mut().zip(landmarks) {
-            for (frame, point) in landmark.seen() {
-                if let Some(place) = row.get_mut(frame) {
-                    *place = bearing(point).into();
-                }
-            }
-        }
-        let bearings = (landmarks.len(), |landmark: usize, frame: usize| {
-            let point = landmarks.get(landmark)?.point(frame)?;
-            let known = known.get(landmark).and_then(|row| row.get(frame));
-            Some(known.map_or_else(|| bearing(point), |known| Vector3::from(*known)))
-        });
-        let extrinsics = &self.settings.body_from_camera;
-        let (records, memory) = (&mut self.init_landmarks, memory.as_chunks_mut().0);
-        let found = initialise_moving::<FRAMES, _, _>(&config, extrinsics, &links, &bearings, records, memory, states);
-        found.map(|alignment| alignment.bias).map_err(|error| {
-            self.report.init_error = Some(error);
-            waiting_for(&error)
-        })
-    }
-
     /// Makes the first frame's state the origin of the world: `sigma` of tilt, velocity, gyro bias, accelerometer bias.
     #[inline(never)]
     fn begin(&mut self, origin: &NavState<T>, sigma: [T; 4]) {
@@ -248,19 +197,5 @@ impl<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: usize, cons
         add_initial(&mut self.prior, &mut self.workspace, origin, &root);
         self.blind_since = None;
         self.health = Health::Tracking;
-    }
-}
-
-fn bearing<T: Real>(point: &NormalizedPoint<T>) -> Vector3<T> {
-    Vector3::new(point.x, point.y, T::one()).normalize()
-}
-
-fn waiting_for<T: Real>(error: &InitError<T>) -> Waiting {
-    match error {
-        InitError::Parallax(_) => Waiting::Parallax,
-        InitError::Excitation(_) => Waiting::Excitation,
-        InitError::Gravity(_) => Waiting::Gravity,
-        InitError::Agreement(..) | InitError::Numerical => Waiting::Agreement,
-        _ => Waiting::Tracks,
     }
 }

@@ -23,6 +23,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::imu::{NavState, Preintegration};
+use crate::lie::matrix::of_rotation;
 use crate::lie::so3;
 use crate::real::Real;
 
@@ -88,10 +89,10 @@ pub fn linearize<T: Real>(
     let end_from_start = to_lin.world_from_body.inverse() * from_lin.world_from_body;
     let r_phi = so3::log(&(end_from_start * rotation).inverse());
     let phi_by_to = so3::right_jacobian_inverse(&r_phi);
-    let phi_by_from = -(phi_by_to * end_from_start.to_rotation_matrix().matrix());
+    let phi_by_from = -(phi_by_to * of_rotation(&end_from_start));
     let moved = pre.d_theta_d_gyro() * (from_lin.bias.gyro_rad_s - pre.bias().gyro_rad_s);
     let phi_by_gyro = phi_by_from * (so3::right_jacobian(&-moved) * pre.d_theta_d_gyro());
-    let body_from_world = from_lin.world_from_body.to_rotation_matrix().matrix().transpose();
+    let body_from_world = of_rotation(&from_lin.world_from_body).transpose();
 
     // Columns of W, three at a time; with them every product below is (15×3)(3×3).
     let of = |block: usize| Columns::new(sqrt_information, block);

@@ -25,6 +25,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Vector2, Vector3};
 
+use crate::lie::matrix::of_rotation;
 use crate::lie::so3::hat;
 use crate::real::Real;
 use crate::storage::blank::blank;
@@ -97,7 +98,7 @@ impl<T: Real> CameraMount<T> {
     /// From the extrinsic calibration.
     #[must_use]
     pub fn new(body_from_camera: &Isometry3<T>) -> Self {
-        let camera_from_body = body_from_camera.rotation.inverse().to_rotation_matrix().into_inner();
+        let camera_from_body = of_rotation(&body_from_camera.rotation.inverse());
         Self { camera_from_body, lever_in_camera: camera_from_body * body_from_camera.translation.vector }
     }
 

@@ -19,6 +19,7 @@
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::ImuNoise;
+use crate::lie::matrix::{block, diagonal, product, put, sum};
 use crate::lie::so3;
 use crate::real::Real;
 
@@ -117,22 +118,23 @@ impl<T: Real> ErrorCovariance<T> {
     /// `F self Fᵀ + Q later Qᵀ`, both 15×15 in the order `[θ p v g a]`. `F` has the structure of a transition and `Q` turns the later
     /// start frame into this one (`rotation`, biases apart).
     pub fn compose(&self, transition: &SMatrix<T, 15, 15>, rotation: &Matrix3<T>, later: &Self) -> Self {
-        let dense = transition * self.dense(&Matrix3::identity()) * transition.transpose();
-        let block = |row: usize, column: usize| -> Matrix3<T> { dense.fixed_view::<3, 3>(row, column).into_owned() };
-        let both = |m: &Matrix3<T>| product(&product(rotation, m), &rotation.transpose());
-        let left = |m: &Matrix3<T>| product(rotation, m);
+        let dense = product(&product(transition, &self.dense(&Matrix3::identity())), &transition.transpose());
+        let inverse = rotation.transpose();
+        let plus = |row: usize, column: usize, m: &Matrix3<T>| sum(&block(&dense, row, column), m);
+        let both = |row: usize, column: usize, m: &Matrix3<T>| plus(row, column, &product(&product(rotation, m), &inverse));
+        let left = |row: usize, column: usize, m: &Matrix3<T>| plus(row, column, &product(rotation, m));
         Self {
-            tt: mirror(&(block(0, 0) + both(&later.tt))),
-            tv: block(0, 6) + both(&later.tv),
-            tp: block(0, 3) + both(&later.tp),
-            tg: block(0, 9) + left(&later.tg),
-            vv: mirror(&(block(6, 6) + both(&later.vv))),
-            vp: block(6, 3) + both(&later.vp),
-            vg: block(6, 9) + left(&later.vg),
-            va: block(6, 12) + left(&later.va),
-            pp: mirror(&(block(3, 3) + both(&later.pp))),
-            pg: block(3, 9) + left(&later.pg),
-            pa: block(3, 12) + left(&later.pa),
+            tt: mirror(&both(0, 0, &later.tt)),
+            tv: both(0, 6, &later.tv),
+            tp: both(0, 3, &later.tp),
+            tg: left(0, 9, &later.tg),
+            vv: mirror(&both(6, 6, &later.vv)),
+            vp: both(6, 3, &later.vp),
+            vg: left(6, 9, &later.vg),
+            va: left(6, 12, &later.va),
+            pp: mirror(&both(3, 3, &later.pp)),
+            pg: left(3, 9, &later.pg),
+            pa: left(3, 12, &later.pa),
             gg: self.gg + later.gg,
             aa: self.aa + later.aa,
         }
@@ -142,9 +144,9 @@ impl<T: Real> ErrorCovariance<T> {
     pub fn dense(&self, turn: &Matrix3<T>) -> SMatrix<T, 15, 15> {
         let mut dense = SMatrix::<T, 15, 15>::zeros();
         let mut put = |row: usize, column: usize, block: &Matrix3<T>| {
-            dense.fixed_view_mut::<3, 3>(row, column).copy_from(block);
+            put(&mut dense, row, column, block);
             if row != column {
-                dense.fixed_view_mut::<3, 3>(column, row).copy_from(&block.transpose());
+                put(&mut dense, column, row, &block.transpose());
             }
         };
         put(0, 0, &mirror(&product(&product(turn, &self.tt), &turn.transpose())));
@@ -162,12 +164,6 @@ impl<T: Real> ErrorCovariance<T> {
         put(12, 12, &Matrix3::from_diagonal_element(self.aa));
         dense
     }
-}
-
-/// `a b`, out of line: for what is done once an image, where twenty copies of 27 products are kilobytes of a microcontroller's flash.
-#[inline(never)]
-pub(super) fn product<T: Real>(a: &Matrix3<T>, b: &Matrix3<T>) -> Matrix3<T> {
-    a * b
 }
 
 /// `a bᵀ`.
@@ -221,6 +217,7 @@ fn matrix<T: Real>(columns: [[T; 3]; 3]) -> Matrix3<T> {
 
 /// `F` of an interval that starts where another one ends, order `[θ p v g a]`, all in the frame of the first start: `later_v`, `later_p` its
 /// turned deltas and `d_*` its turned bias Jacobians.
+#[inline(never)]
 pub(super) fn transition<T: Real>(
     span: T,
     [later_v, later_p]: [&Vector3<T>; 2],
@@ -228,8 +225,8 @@ pub(super) fn transition<T: Real>(
     [d_position_d_gyro, d_position_d_accel]: [&Matrix3<T>; 2],
     [d_velocity_d_gyro, d_velocity_d_accel]: [&Matrix3<T>; 2],
 ) -> SMatrix<T, 15, 15> {
-    let mut f = SMatrix::<T, 15, 15>::identity();
-    let mut put = |row: usize, column: usize, block: &Matrix3<T>| f.fixed_view_mut::<3, 3>(row, column).copy_from(block);
+    let mut f: SMatrix<T, 15, 15> = diagonal(core::iter::repeat(T::one()));
+    let mut put = |row: usize, column: usize, block: &Matrix3<T>| put(&mut f, row, column, block);
     put(0, 9, d_rotation);
     put(3, 0, &-so3::hat(later_p));
     put(3, 6, &Matrix3::from_diagonal_element(span));

@@ -7,6 +7,7 @@ mod noise;
 mod preintegration;
 mod sample;
 mod state;
+pub mod stretch;
 #[cfg(test)]
 pub(crate) mod testing;
 
@@ -15,3 +16,4 @@ pub use noise::ImuNoise;
 pub use preintegration::{Preintegration, PreintegrationError};
 pub use sample::ImuSample;
 pub use state::NavState;
+pub use stretch::ImuRange;

@@ -24,9 +24,10 @@ use core::fmt;
 
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
-use super::covariance::{ErrorCovariance, Transition, product, transition};
+use super::covariance::{ErrorCovariance, Transition, transition};
 use super::interval::Interval;
 use super::{ImuBias, ImuNoise, ImuSample, NavState};
+use crate::lie::matrix::{of_rotation, product, sum};
 use crate::lie::so3;
 use crate::real::Real;
 use crate::time::Span;
@@ -151,7 +152,7 @@ impl<T: Real> Preintegration<T> {
     /// Exact where the two biases agree: covariance and Jacobians are those of one long integration.
     pub fn append(&mut self, later: &Self) {
         let (later_rotation, later_velocity, later_position) = later.corrected(&self.bias);
-        let turn = *self.rotation.to_rotation_matrix().matrix();
+        let turn = of_rotation(&self.rotation);
         let span = later.span_s();
         let velocity = turn * later_velocity;
         let position = turn * later_position;
@@ -161,11 +162,14 @@ impl<T: Real> Preintegration<T> {
         let carry = transition(span, [&velocity, &position], &d_theta, [&d_position[0], &d_position[1]], [&d_velocity[0], &d_velocity[1]]);
         self.error = self.error.compose(&carry, &turn, &later.error);
 
-        self.d_position_d_gyro += self.d_velocity_d_gyro * span - product(&so3::hat(&position), &self.d_theta_d_gyro) + d_position[0];
-        self.d_position_d_accel += self.d_velocity_d_accel * span + d_position[1];
-        self.d_velocity_d_gyro += d_velocity[0] - product(&so3::hat(&velocity), &self.d_theta_d_gyro);
-        self.d_velocity_d_accel += d_velocity[1];
-        self.d_theta_d_gyro += d_theta;
+        let add = |to: &mut Matrix3<T>, what: &Matrix3<T>| *to = sum(to, what);
+        let turned = |delta: &Vector3<T>| product(&so3::hat(delta), &self.d_theta_d_gyro);
+        let (by_position, by_velocity) = (turned(&position), turned(&velocity));
+        add(&mut self.d_position_d_gyro, &sum(&(self.d_velocity_d_gyro * span - by_position), &d_position[0]));
+        add(&mut self.d_position_d_accel, &sum(&(self.d_velocity_d_accel * span), &d_position[1]));
+        add(&mut self.d_velocity_d_gyro, &(d_velocity[0] - by_velocity));
+        add(&mut self.d_velocity_d_accel, &d_velocity[1]);
+        add(&mut self.d_theta_d_gyro, &d_theta);
 
         self.position += self.velocity * span + position;
         self.velocity += velocity;

@@ -14,17 +14,19 @@
 //! Constant velocity leaves the scale free, a pure rotation all of it. Both are refused by the scale's own standard deviation,
 //! pure rotation before that for lack of parallax.
 
-use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::chain::{InertialLink, walk};
 use super::config::{InitConfig, InitError};
 use super::gravity::{gravity_of_known_magnitude, world_from_specific_force};
 use super::gyro_bias::{GyroBias, cauchy, estimate_gyro_bias};
 use super::median::Histogram;
-use super::refinement::{LandmarkMemory, Motion, PARAMETERS, Pose, Poses, Problem};
+use super::refinement::{Descent, LandmarkMemory, Motion, PARAMETERS, Pose, Poses, Problem};
 use super::tracks::{Bearings, InitLandmark};
 use crate::imu::{ImuBias, NavState};
+use crate::lie::matrix::{product, transposed_product};
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 const ROUNDS: usize = 4;
 
@@ -62,89 +64,153 @@ pub struct Alignment<T: Real> {
     pub sigma_free_gravity_m_s2: T,
 }
 
-/// First states of a moving body, from at most `FRAMES` frames; the stack that it takes grows with `FRAMES`.
+/// A moving start that is being computed. It may be left after any iteration and taken up again with the same problem.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MovingStart<T: Real> {
+    epipolar: GyroBias<T>,
+    parallax_px: T,
+    free_gravity_m_s2: T,
+    sigma_free_gravity_m_s2: T,
+    descent: Descent<T>,
+}
+
+blank!([T: Real] MovingStart<T> { epipolar, parallax_px, free_gravity_m_s2, sigma_free_gravity_m_s2, descent });
+
+impl<T: Real> MovingStart<T> {
+    /// The gyro bias and the linear solution. `landmarks` needs a place per landmark; surplus landmarks are left out.
+    ///
+    /// # Errors
+    /// The reason for which there are no states yet, see [`InitError`].
+    #[inline(never)]
+    pub fn begin<B: Bearings<T>, const FRAMES: usize>(
+        problem: &Problem<'_, T, B, FRAMES>,
+        landmarks: &mut [InitLandmark<T>],
+    ) -> Result<Self, InitError<T>> {
+        let Problem { config, body_from_camera, links, bearings } = *problem;
+        let frames = links.len() + 1;
+        if !(3..=FRAMES).contains(&frames) {
+            return Err(InitError::Frames(frames));
+        }
+        let landmarks = problem.records(landmarks);
+        for landmark in landmarks.iter_mut() {
+            *landmark = InitLandmark::default();
+        }
+        let is_long = |landmark: &usize| (0..frames).filter(|&frame| bearings.bearing(*landmark, frame).is_some()).count() >= 3;
+        let long = (0..landmarks.len()).filter(is_long).count();
+        if long < config.minimum_tracks {
+            return Err(InitError::Tracks(long));
+        }
+        let start = links.first().map_or_else(Vector3::zeros, |link| link.bias.gyro_rad_s);
+        let epipolar = estimate_gyro_bias::<FRAMES, _, _>(config, body_from_camera, links, &start, bearings, landmarks)?;
+        let accel_m_s2 = links.first().map_or_else(Vector3::zeros, |link| link.bias.accel_m_s2);
+        let still = Motion {
+            velocity: Vector3::zeros(),
+            gravity: Vector3::z() * config.gravity_m_s2,
+            bias: ImuBias { gyro_rad_s: epipolar.gyro_rad_s, accel_m_s2 },
+            drift: Vector3::zeros(),
+        };
+        choose(bearings, frames, landmarks);
+        let used = landmarks.iter().filter(|landmark| landmark.is_used).count();
+        if used < config.minimum_tracks {
+            return Err(InitError::Tracks(used));
+        }
+        let parallax_px = parallax(problem, &still, landmarks) * config.focal_px;
+        if parallax_px < config.minimum_parallax_px || !parallax_px.is_usable() {
+            return Err(InitError::Parallax(parallax_px));
+        }
+        let linear = align_linearly(problem, &still.bias, landmarks).ok_or(InitError::Numerical)?;
+        Ok(Self {
+            epipolar,
+            parallax_px,
+            free_gravity_m_s2: linear.free_gravity_m_s2,
+            sigma_free_gravity_m_s2: linear.sigma_free_gravity_m_s2,
+            descent: Descent::new(linear.motion, config.maximum_iterations),
+        })
+    }
+
+    /// Refines for `iterations` at most; whether that is over. The equations of landmarks for which `memory` has no place are
+    /// summed up twice.
+    ///
+    /// # Errors
+    /// [`InitError::Numerical`].
+    pub fn refine<B: Bearings<T>, const FRAMES: usize>(
+        &mut self,
+        problem: &Problem<'_, T, B, FRAMES>,
+        landmarks: &mut [InitLandmark<T>],
+        memory: &mut [LandmarkMemory<T>],
+        iterations: usize,
+    ) -> Result<bool, InitError<T>> {
+        problem.descend(&mut self.descent, problem.records(landmarks), memory, iterations).ok_or(InitError::Numerical)?;
+        Ok(self.descent.is_over())
+    }
+
+    /// Judges what was found and writes the states, for which `states` needs a place per frame.
+    ///
+    /// # Errors
+    /// The reason for which there are no states yet, see [`InitError`].
+    #[inline(never)]
+    pub fn finish<B: Bearings<T>, const FRAMES: usize>(
+        &self,
+        problem: &Problem<'_, T, B, FRAMES>,
+        landmarks: &mut [InitLandmark<T>],
+        states: &mut [NavState<T>],
+    ) -> Result<Alignment<T>, InitError<T>> {
+        let Problem { config, links, .. } = *problem;
+        if states.len() <= links.len() {
+            return Err(InitError::Frames(links.len() + 1));
+        }
+        let refined = problem.conclude(&self.descent, problem.records(landmarks)).ok_or(InitError::Numerical)?;
+        let (scale_sigma, distance_m) = scale(&refined.motion, &refined.covariance, links);
+        // A free scale is a valley that the descent slides along without an end.
+        if scale_sigma > config.maximum_scale_sigma || !scale_sigma.is_usable() || !refined.is_converged {
+            return Err(InitError::Excitation(scale_sigma));
+        }
+        if refined.median_residual_px > config.maximum_median_residual * config.sigma_px * T::of(1.1774)
+            || refined.inlier_ratio < config.minimum_inlier_ratio
+        {
+            return Err(InitError::Agreement(refined.median_residual_px, refined.inlier_ratio));
+        }
+        let off = (self.free_gravity_m_s2 - config.gravity_m_s2).abs();
+        if off > config.maximum_gravity_error_m_s2 + self.sigma_free_gravity_m_s2 * T::of(3.0) {
+            return Err(InitError::Gravity(self.free_gravity_m_s2));
+        }
+        write_states(&refined.motion, links, states).ok_or(InitError::Numerical)?;
+        let sigma = refined.covariance.diagonal().map(|variance| variance.max(T::ZERO).root());
+        Ok(Alignment {
+            epipolar: self.epipolar,
+            bias: refined.motion.bias,
+            sigma_velocity_m_s: sigma.fixed_rows::<3>(0).into_owned(),
+            sigma_gravity_rad: sigma[3].max(sigma[4]),
+            sigma_accel_bias_m_s2: sigma.fixed_rows::<3>(5).into_owned(),
+            sigma_gyro_bias_rad_s: sigma.fixed_rows::<3>(8).into_owned(),
+            scale_sigma,
+            distance_m,
+            parallax_px: self.parallax_px,
+            residual_px: refined.median_residual_px,
+            inlier_ratio: refined.inlier_ratio,
+            observations: refined.observations,
+            free_gravity_m_s2: self.free_gravity_m_s2,
+            sigma_free_gravity_m_s2: self.sigma_free_gravity_m_s2,
+        })
+    }
+}
+
+/// First states of a moving body, from at most `FRAMES` frames, in one go; the stack that it takes grows with `FRAMES`.
 ///
-/// `links[i]` leads from frame `i` to `i + 1`; the world is level with its origin at the first body and no yaw added there.
-/// `landmarks` needs a place per landmark (surplus landmarks are left out) and `states` one per frame. The equations of landmarks for
-/// which `memory` has no place are summed up twice.
+/// The world is level with its origin at the first body and no yaw added there. What `landmarks`, `memory` and `states` need room for
+/// is said at [`MovingStart`].
 ///
 /// # Errors
 /// The reason for which there are no states yet, see [`InitError`].
-#[inline(never)]
 pub fn initialise_moving<const FRAMES: usize, T: Real, B: Bearings<T>>(
-    config: &InitConfig<T>,
-    body_from_camera: &Isometry3<T>,
-    links: &[InertialLink<T>],
-    bearings: &B,
+    problem: &Problem<'_, T, B, FRAMES>,
     landmarks: &mut [InitLandmark<T>],
     memory: &mut [LandmarkMemory<T>],
     states: &mut [NavState<T>],
 ) -> Result<Alignment<T>, InitError<T>> {
-    let frames = links.len() + 1;
-    if !(3..=FRAMES).contains(&frames) || states.len() < frames {
-        return Err(InitError::Frames(frames));
-    }
-    let count = bearings.landmark_count().min(landmarks.len());
-    let landmarks = &mut landmarks[..count];
-    landmarks.fill(InitLandmark::default());
-    let long = (0..count).filter(|&landmark| (0..frames).filter(|&frame| bearings.bearing(landmark, frame).is_some()).count() >= 3).count();
-    if long < config.minimum_tracks {
-        return Err(InitError::Tracks(long));
-    }
-    let start = links.first().map_or_else(Vector3::zeros, |link| link.bias.gyro_rad_s);
-    let epipolar = estimate_gyro_bias::<FRAMES, _, _>(config, body_from_camera, links, &start, bearings, landmarks)?;
-
-    let accel_m_s2 = links.first().map_or_else(Vector3::zeros, |link| link.bias.accel_m_s2);
-    let still = Motion {
-        velocity: Vector3::zeros(),
-        gravity: Vector3::z() * config.gravity_m_s2,
-        bias: ImuBias { gyro_rad_s: epipolar.gyro_rad_s, accel_m_s2 },
-        drift: Vector3::zeros(),
-    };
-    choose(bearings, frames, landmarks);
-    let used = landmarks.iter().filter(|landmark| landmark.is_used).count();
-    if used < config.minimum_tracks {
-        return Err(InitError::Tracks(used));
-    }
-    let problem = Problem::<_, _, FRAMES> { config, body_from_camera, links, bearings };
-    let parallax_px = parallax(&problem, &still, landmarks) * config.focal_px;
-    if parallax_px < config.minimum_parallax_px || !parallax_px.is_usable() {
-        return Err(InitError::Parallax(parallax_px));
-    }
-    let linear = align_linearly(&problem, &still.bias, landmarks).ok_or(InitError::Numerical)?;
-    let refined = problem.solve(linear.motion, landmarks, memory).ok_or(InitError::Numerical)?;
-    let (scale_sigma, distance_m) = scale(&refined.motion, &refined.covariance, links);
-    // A free scale is a valley that the descent slides along without an end.
-    if scale_sigma > config.maximum_scale_sigma || !scale_sigma.is_usable() || !refined.is_converged {
-        return Err(InitError::Excitation(scale_sigma));
-    }
-    if refined.median_residual_px > config.maximum_median_residual * config.sigma_px * T::of(1.1774)
-        || refined.inlier_ratio < config.minimum_inlier_ratio
-    {
-        return Err(InitError::Agreement(refined.median_residual_px, refined.inlier_ratio));
-    }
-    let off = (linear.free_gravity_m_s2 - config.gravity_m_s2).abs();
-    if off > config.maximum_gravity_error_m_s2 + linear.sigma_free_gravity_m_s2 * T::of(3.0) {
-        return Err(InitError::Gravity(linear.free_gravity_m_s2));
-    }
-    write_states(&refined.motion, links, states).ok_or(InitError::Numerical)?;
-    let sigma = refined.covariance.diagonal().map(|variance| variance.max(T::ZERO).root());
-    Ok(Alignment {
-        epipolar,
-        bias: refined.motion.bias,
-        sigma_velocity_m_s: sigma.fixed_rows::<3>(0).into_owned(),
-        sigma_gravity_rad: sigma[3].max(sigma[4]),
-        sigma_accel_bias_m_s2: sigma.fixed_rows::<3>(5).into_owned(),
-        sigma_gyro_bias_rad_s: sigma.fixed_rows::<3>(8).into_owned(),
-        scale_sigma,
-        distance_m,
-        parallax_px,
-        residual_px: refined.median_residual_px,
-        inlier_ratio: refined.inlier_ratio,
-        observations: refined.observations,
-        free_gravity_m_s2: linear.free_gravity_m_s2,
-        sigma_free_gravity_m_s2: linear.sigma_free_gravity_m_s2,
-    })
+    let mut start = MovingStart::begin(problem, landmarks)?;
+    start.refine(problem, landmarks, memory, usize::MAX)?;
+    start.finish(problem, landmarks, states)
 }
 
 /// Takes the landmarks with three good bearings; the first good frame becomes the anchor.
@@ -297,7 +363,7 @@ fn add_landmark<T: Real, B: Bearings<T>, const FRAMES: usize>(
         own.own[(i, i)] += trace * T::of(1e-6);
     }
     if let Some(inverse) = own.own.try_inverse() {
-        reduced.information -= own.cross.tr_mul(&(inverse * own.cross));
+        reduced.information -= transposed_product(&own.cross, &product(&inverse, &own.cross));
         reduced.right -= own.cross.tr_mul(&(inverse * own.own_right));
     }
 }
@@ -308,7 +374,7 @@ fn solve_reduced<T: Real>(reduced: &Reduced<T>, bias: &ImuBias<T>, gravity_m_s2:
     let cross = reduced.information.fixed_view::<3, 3>(0, 3).into_owned();
     let inverse = velocity_block.cholesky()?.inverse();
     let velocity_right = reduced.right.fixed_rows::<3>(0).into_owned();
-    let information = reduced.information.fixed_view::<3, 3>(3, 3) - cross.tr_mul(&(inverse * cross));
+    let information = reduced.information.fixed_view::<3, 3>(3, 3) - transposed_product(&cross, &product(&inverse, &cross));
     let right = reduced.right.fixed_rows::<3>(3) - cross.tr_mul(&(inverse * velocity_right));
     let gravity = gravity_of_known_magnitude(&information, &right, gravity_m_s2)?;
     let velocity = inverse * (velocity_right - cross * gravity);

@@ -14,6 +14,7 @@
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
 use crate::imu::{ImuBias, Preintegration};
+use crate::lie::matrix::{of_rotation, product, sum, transposed_product};
 use crate::lie::so3;
 use crate::real::Real;
 
@@ -73,7 +74,7 @@ impl<T: Real> InertialLink<T> {
     /// `(ΔR, ∂Log ΔR/∂b_g)` at another gyro bias, to first order.
     pub(super) fn rotation_at(&self, gyro_bias_rad_s: &Vector3<T>) -> (UnitQuaternion<T>, Matrix3<T>) {
         let turn = self.d_rotation_d_gyro * (gyro_bias_rad_s - self.bias.gyro_rad_s);
-        (self.rotation * so3::exp(&turn), so3::right_jacobian(&turn) * self.d_rotation_d_gyro)
+        (self.rotation * so3::exp(&turn), product(&so3::right_jacobian(&turn), &self.d_rotation_d_gyro))
     }
 }
 
@@ -115,18 +116,18 @@ impl<T: Real> Node<T> {
     fn advance(&mut self, link: &InertialLink<T>, bias: &ImuBias<T>) {
         let (rotation, d_rotation) = link.rotation_at(&bias.gyro_rad_s);
         let moved = bias_vector(bias) - bias_vector(&link.bias);
-        let velocity = link.velocity + link.d_velocity_d_bias * moved;
-        let position = link.position + link.d_position_d_bias * moved;
-        let turned = self.first_from_body.to_rotation_matrix().into_inner();
+        let velocity = link.velocity + product(&link.d_velocity_d_bias, &moved);
+        let position = link.position + product(&link.d_position_d_bias, &moved);
+        let turned = of_rotation(&self.first_from_body);
         let turn = |delta: &Vector3<T>, d_delta: &SMatrix<T, 3, 6>| {
             let mut sensitivity = *d_delta;
             let mut gyro = sensitivity.fixed_columns_mut::<3>(0);
-            gyro -= so3::hat(delta) * self.d_rotation_d_gyro;
-            turned * sensitivity
+            gyro -= product(&so3::hat(delta), &self.d_rotation_d_gyro);
+            product(&turned, &sensitivity)
         };
         // The drift stands at its mean over the link.
         let middle_s = self.time_s + link.span_s * T::of(0.5);
-        let drifted = |d_delta: &SMatrix<T, 3, 6>| turned * d_delta.fixed_columns::<3>(3) * middle_s;
+        let drifted = |d_delta: &SMatrix<T, 3, 6>| product(&turned, &d_delta.fixed_columns::<3>(3).into_owned()) * middle_s;
         *self = Self {
             d_velocity_d_drift: self.d_velocity_d_drift + drifted(&link.d_velocity_d_bias),
             d_position_d_drift: self.d_position_d_drift + self.d_velocity_d_drift * link.span_s + drifted(&link.d_position_d_bias),
@@ -134,7 +135,7 @@ impl<T: Real> Node<T> {
             first_from_body: self.first_from_body * rotation,
             velocity: self.velocity + turned * velocity,
             position: self.position + self.velocity * link.span_s + turned * position,
-            d_rotation_d_gyro: rotation.to_rotation_matrix().transpose() * self.d_rotation_d_gyro + d_rotation,
+            d_rotation_d_gyro: sum(&transposed_product(&of_rotation(&rotation), &self.d_rotation_d_gyro), &d_rotation),
             d_velocity_d_bias: self.d_velocity_d_bias + turn(&velocity, &link.d_velocity_d_bias),
             d_position_d_bias: self.d_position_d_bias + self.d_velocity_d_bias * link.span_s + turn(&position, &link.d_position_d_bias),
         };

@@ -1,7 +1,8 @@
 //! Which way is down.
 
-use nalgebra::{Matrix3, Quaternion, SymmetricEigen, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
+use crate::lie::matrix::symmetric_eigen;
 use crate::real::Real;
 
 /// The shortest rotation `R_WB` that takes a measured specific force (body frame, any length) to `+z`: its rotation
@@ -43,7 +44,7 @@ pub fn world_from_specific_force<T: Real>(specific_force: &Vector3<T>) -> Option
 /// `None` when a number is not finite or `c` is zero.
 #[must_use]
 pub fn gravity_of_known_magnitude<T: Real>(information: &Matrix3<T>, right: &Vector3<T>, magnitude: T) -> Option<Vector3<T>> {
-    let eigen = SymmetricEigen::try_new(*information, T::default_epsilon(), 64)?;
+    let eigen = symmetric_eigen(information)?;
     let values = eigen.eigenvalues;
     let y = eigen.eigenvectors.tr_mul(right);
     let (weakest, smallest) = values.argmin();

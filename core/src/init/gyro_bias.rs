@@ -22,8 +22,10 @@ use super::config::{InitConfig, InitError};
 use super::median::Histogram;
 use super::tracks::{Bearings, InitLandmark, across};
 use crate::imu::ImuBias;
+use crate::lie::matrix::{of_rotation, product, transposed_product};
 use crate::lie::so3;
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 const STRIDES: [usize; 3] = [1, 2, 4];
 const ITERATIONS: usize = 28;
@@ -51,6 +53,8 @@ pub struct GyroBias<T: Real> {
     /// Pairs of frames that took part.
     pub pairs: usize,
 }
+
+blank!([T: Real] GyroBias<T> { gyro_rad_s, sigma_rad_s, residual_px, inlier_ratio, pairs });
 
 /// Two frames and the direction from one to the other.
 #[derive(Clone, Copy)]
@@ -245,7 +249,8 @@ pub fn estimate_gyro_bias<const FRAMES: usize, T: Real, B: Bearings<T>>(
     if !(3..=FRAMES).contains(&frames) {
         return Err(InitError::Frames(frames));
     }
-    let body_from_camera = body_from_camera.rotation.to_rotation_matrix().into_inner();
+    let body_from_camera = of_rotation(&body_from_camera.rotation);
+    let camera_from_body = body_from_camera.transpose();
     let sigma = config.sigma_rad();
     // Both bearings of a pair are noisy.
     let least_scale = sigma * T::of(core::f64::consts::SQRT_2);
@@ -257,15 +262,11 @@ pub fn estimate_gyro_bias<const FRAMES: usize, T: Real, B: Bearings<T>>(
         d_rotation: Matrix3::identity(),
         eliminated: (Matrix2::zeros(), Vector2::zeros(), Matrix3x2::zeros()),
     };
-    let mut pairs = [[empty; FRAMES]; STRIDES.len()];
-    let pairs = pairs.as_flattened_mut();
-    let mut pair_count = 0;
-    for stride in STRIDES {
+    let mut pairs = [const { heapless::Vec::<Pair<T>, FRAMES>::new() }; STRIDES.len()];
+    for (pairs, stride) in pairs.iter_mut().zip(STRIDES) {
         for first in 0..frames.saturating_sub(stride) {
-            if let Some(slot) = pairs.get_mut(pair_count) {
-                *slot = Pair { first, second: first + stride, ..empty };
-                pair_count += 1;
-            }
+            // There are fewer than frames.
+            let _ = pairs.push(Pair { first, second: first + stride, ..empty });
         }
     }
     // Orientation in the first body frame, and its derivative by the gyro bias.
@@ -286,12 +287,12 @@ pub fn estimate_gyro_bias<const FRAMES: usize, T: Real, B: Bearings<T>>(
         let mut gradient = bias * prior;
         residuals = Histogram::new();
         used = 0;
-        let active = if iteration < NEIGHBOURS_ONLY { frames - 1 } else { pair_count };
-        for pair in pairs.iter_mut().take(active) {
+        let active = if iteration < NEIGHBOURS_ONLY { 1 } else { STRIDES.len() };
+        for pair in pairs.iter_mut().take(active).flatten() {
             let (Some((first, d_first)), Some((second, d_second))) = (turns.get(pair.first), turns.get(pair.second)) else { continue };
-            let between = (first.inverse() * second).to_rotation_matrix().into_inner();
-            pair.rotation = body_from_camera.transpose() * between * body_from_camera;
-            pair.d_rotation = body_from_camera.transpose() * (d_second - between.tr_mul(d_first));
+            let between = of_rotation(&(first.inverse() * second));
+            pair.rotation = product(&product(&camera_from_body, &between), &body_from_camera);
+            pair.d_rotation = product(&camera_from_body, &(d_second - transposed_product(&between, d_first)));
             if iteration < NEIGHBOURS_ONLY + 4 || iteration % 3 == 0 {
                 pair.sample_translation(bearings, scale);
             }
@@ -319,12 +320,12 @@ pub fn estimate_gyro_bias<const FRAMES: usize, T: Real, B: Bearings<T>>(
             step *= longest / length;
         }
         bias += step;
-        pairs.iter_mut().take(active).for_each(|pair| pair.follow(&step));
+        pairs.iter_mut().take(active).flatten().for_each(|pair| pair.follow(&step));
         if length < T::of(2e-4) && iteration > NEIGHBOURS_ONLY {
             break;
         }
     }
-    let inlier_ratio = vote::<FRAMES, _, _>(&pairs[..pair_count], bearings, landmarks, scale.max(least_scale) * T::of(3.0));
+    let inlier_ratio = vote::<FRAMES, _, _>(&pairs, bearings, landmarks, scale.max(least_scale) * T::of(3.0));
     let residual_px = residuals.quantile::<T>(0.5).ok_or(InitError::Tracks(0))? * config.focal_px;
     // An observation takes part in up to one pair per stride on each side: count its information once.
     let covariance = information.try_inverse().ok_or(InitError::Numerical)? * T::of(STRIDES.len() as f64);
@@ -341,11 +342,16 @@ pub fn estimate_gyro_bias<const FRAMES: usize, T: Real, B: Bearings<T>>(
 }
 
 /// Marks observations that are outliers in more than half of their pairs; the share of inliers over all pairs.
-fn vote<const FRAMES: usize, T: Real, B: Bearings<T>>(pairs: &[Pair<T>], bearings: &B, landmarks: &mut [InitLandmark<T>], limit: T) -> T {
+fn vote<const FRAMES: usize, T: Real, B: Bearings<T>>(
+    pairs: &[heapless::Vec<Pair<T>, FRAMES>],
+    bearings: &B,
+    landmarks: &mut [InitLandmark<T>],
+    limit: T,
+) -> T {
     let (mut inliers, mut total) = (0_u32, 0_u32);
     for (landmark, record) in (0..bearings.landmark_count()).zip(landmarks.iter_mut()) {
         let mut votes = [(0_u8, 0_u8); FRAMES];
-        for pair in pairs.iter().filter(|pair| pair.translation != Vector3::zeros()) {
+        for pair in pairs.iter().flatten().filter(|pair| pair.translation != Vector3::zeros()) {
             let (Some(f_first), Some(f_second)) = (bearings.bearing(landmark, pair.first), bearings.bearing(landmark, pair.second)) else {
                 continue;
             };

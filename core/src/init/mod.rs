@@ -22,11 +22,11 @@ mod tracks;
 #[cfg(test)]
 mod tests;
 
-pub use alignment::{Alignment, initialise_moving};
+pub use alignment::{Alignment, MovingStart, initialise_moving};
 pub use chain::{InertialLink, MAX_INIT_FRAMES};
 pub use config::{InitConfig, InitError};
 pub use gravity::{gravity_of_known_magnitude, world_from_specific_force};
 pub use gyro_bias::{GyroBias, estimate_gyro_bias};
-pub use refinement::LandmarkMemory;
+pub use refinement::{LandmarkMemory, Problem};
 pub use stillness::{Motion, Rest, RestConfig, detect_rest};
 pub use tracks::{Bearings, InitLandmark};

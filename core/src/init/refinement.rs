@@ -19,7 +19,7 @@
 //! # Degeneracy
 //! At constant velocity the scale is free, without translation everything but the rotation is; the covariance says so.
 
-use nalgebra::{Isometry3, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Cholesky, Const, Isometry3, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use super::chain::{InertialLink, Node, walk};
 use super::config::InitConfig;
@@ -27,8 +27,10 @@ use super::gyro_bias::cauchy;
 use super::median::Histogram;
 use super::tracks::{Bearings, InitLandmark, across};
 use crate::imu::ImuBias;
+use crate::lie::matrix::{diagonal, of_rotation, product, transposed_product};
 use crate::lie::so3;
 use crate::real::Real;
+use crate::storage::blank::blank;
 
 /// `[v₀ δg b_a b_g ḃ_a]`.
 pub(super) const PARAMETERS: usize = 14;
@@ -40,8 +42,12 @@ const DRIFT: usize = 11;
 /// `(width of the kernel, iterations at most, relative gain that ends the stage)`: a wide kernel first carries a poor start close.
 const STAGES: [(f64, usize, f64); 2] = [(5.0, 10, 1e-2), (1.0, 30, 2e-5)];
 
+/// Damping that each stage begins with.
+const FIRST_DAMPING: f64 = 1e-4;
+
 type Row<T> = SMatrix<T, 3, PARAMETERS>;
 type Information<T> = SMatrix<T, PARAMETERS, PARAMETERS>;
+type Factor<T> = Cholesky<T, Const<PARAMETERS>>;
 type Gradient<T> = SVector<T, PARAMETERS>;
 
 /// The parameters, in the body frame of the first image.
@@ -53,6 +59,8 @@ pub(super) struct Motion<T: Real> {
     /// `ḃ_a`, m/s³.
     pub drift: Vector3<T>,
 }
+
+blank!([T: Real] Motion<T> { velocity, gravity, bias, drift });
 
 impl<T: Real> Motion<T> {
     pub(super) fn retract(&self, step: &Gradient<T>) -> Self {
@@ -100,10 +108,10 @@ pub(super) struct Pose<T: Real> {
 
 impl<T: Real> Pose<T> {
     fn of(motion: &Motion<T>, node: &Node<T>, body_from_camera: &Isometry3<T>) -> Self {
-        let first_from_body = node.first_from_body.to_rotation_matrix().into_inner();
+        let first_from_body = of_rotation(&node.first_from_body);
         Self {
             time_s: node.time_s,
-            first_from_camera: first_from_body * body_from_camera.rotation.to_rotation_matrix().into_inner(),
+            first_from_camera: product(&first_from_body, &of_rotation(&body_from_camera.rotation)),
             centre: motion.position(node) + first_from_body * body_from_camera.translation.vector,
         }
     }
@@ -120,14 +128,14 @@ pub(super) struct View<T: Real> {
 
 impl<T: Real> View<T> {
     fn of(motion: &Motion<T>, node: &Node<T>, body_from_camera: &Isometry3<T>) -> Self {
-        let first_from_body = node.first_from_body.to_rotation_matrix().into_inner();
+        let first_from_body = of_rotation(&node.first_from_body);
         let mut d_centre = motion.d_position(node);
         let mut gyro = d_centre.fixed_columns_mut::<3>(GYRO);
-        gyro -= first_from_body * so3::hat(&body_from_camera.translation.vector) * node.d_rotation_d_gyro;
+        gyro -= product(&product(&first_from_body, &so3::hat(&body_from_camera.translation.vector)), &node.d_rotation_d_gyro);
         Self {
             pose: Pose::of(motion, node, body_from_camera),
             d_centre,
-            d_turn: body_from_camera.rotation.to_rotation_matrix().into_inner().transpose() * node.d_rotation_d_gyro,
+            d_turn: transposed_product(&of_rotation(&body_from_camera.rotation), &node.d_rotation_d_gyro),
         }
     }
 }
@@ -223,14 +231,42 @@ pub(super) fn linearize<T: Real>(
     let d_h_first = d_h * camera_from_first;
     let mut d_landmark = Matrix2x3::zeros();
     d_landmark.fixed_columns_mut::<2>(0).copy_from(&(d_h_first * anchor.first_from_camera * across(u)));
-    let mut d_motion = SMatrix::zeros();
+    let mut d_motion = SMatrix::<T, 2, PARAMETERS>::zeros();
     if !is_anchor {
         d_landmark.set_column(2, &(d_h_first * (anchor.centre - view.centre)));
-        d_motion = d_h_first * (d_anchor - d_centre) * rho;
+        for (column, (anchor, own)) in d_anchor.column_iter().zip(d_centre.column_iter()).enumerate() {
+            d_motion.set_column(column, &(d_h_first * (anchor - own) * rho));
+        }
         let mut gyro = d_motion.fixed_columns_mut::<3>(GYRO);
         gyro += d_h * so3::hat(&h) * d_turn - d_h_first * anchor.first_from_camera * so3::hat(u) * d_anchor_turn;
     }
     Some(Linear { residual, d_motion, d_landmark })
+}
+
+/// How far the minimisation is: it may be left and taken up again after any iteration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Descent<T: Real> {
+    pub motion: Motion<T>,
+    damping: T,
+    stage: usize,
+    /// Iterations of the stage so far.
+    iteration: usize,
+    /// Iterations left when the stage began.
+    left: usize,
+    is_converged: bool,
+}
+
+blank!([T: Real] Descent<T> { motion, damping, stage, iteration, left, is_converged });
+
+impl<T: Real> Descent<T> {
+    /// From `motion`, in at most `iterations`.
+    pub(super) fn new(motion: Motion<T>, iterations: usize) -> Self {
+        Self { motion, damping: T::of(FIRST_DAMPING), stage: 0, iteration: 0, left: iterations, is_converged: false }
+    }
+
+    pub(super) fn is_over(&self) -> bool {
+        self.stage >= STAGES.len()
+    }
 }
 
 /// What the refinement leaves behind.
@@ -245,10 +281,14 @@ pub(super) struct Refined<T: Real> {
 }
 
 /// The problem that does not change while it is solved. At most `FRAMES` frames.
-pub(super) struct Problem<'a, T: Real, B, const FRAMES: usize> {
+pub struct Problem<'a, T: Real, B, const FRAMES: usize> {
+    /// Assumptions and thresholds.
     pub config: &'a InitConfig<T>,
+    /// Pose of the camera in the body (IMU) frame.
     pub body_from_camera: &'a Isometry3<T>,
+    /// `links[i]` leads from frame `i` to `i + 1`.
     pub links: &'a [InertialLink<T>],
+    /// What the frames see.
     pub bearings: &'a B,
 }
 
@@ -338,6 +378,12 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         x
     }
 
+    /// The records of the landmarks that there are and that have one.
+    pub(super) fn records<'l>(&self, landmarks: &'l mut [InitLandmark<T>]) -> &'l mut [InitLandmark<T>] {
+        let count = self.bearings.landmark_count().min(landmarks.len());
+        landmarks.get_mut(..count).unwrap_or_default()
+    }
+
     #[inline(never)]
     fn cost(&self, motion: &Motion<T>, landmarks: &[InitLandmark<T>], width: T) -> T {
         let mut poses = Poses::<T, FRAMES>::empty();
@@ -386,10 +432,10 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
             equations.own += weighted.tr_mul(&linear.d_landmark);
             equations.own_gradient += weighted.tr_mul(&linear.residual);
             if !is_anchor {
-                equations.cross += linear.d_motion.tr_mul(&weighted);
+                equations.cross += transposed_product(&linear.d_motion, &weighted);
                 if let Some((information, gradient)) = &mut dense {
                     add_square(information, &linear.d_motion, &(linear.d_motion * weight));
-                    **gradient += linear.d_motion.tr_mul(&(linear.residual * weight));
+                    **gradient += transposed_product(&linear.d_motion, &(linear.residual * weight));
                 }
             }
         }
@@ -420,7 +466,7 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         memory: &mut [LandmarkMemory<T>],
     ) -> (Information<T>, Gradient<T>) {
         let prior = self.prior();
-        let mut information = Information::from_diagonal(&prior);
+        let mut information = diagonal(prior.iter().copied());
         let mut gradient = prior.component_mul(&Self::from_prior(motion));
         for (index, landmark) in landmarks.iter().enumerate().filter(|(_, landmark)| landmark.is_used) {
             let (before, gradient_before) = (information, gradient);
@@ -429,9 +475,9 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
                 equations.save(place);
             }
             if let Some(inverse) = Self::own_inverse(&equations, damping) {
-                let projected = equations.cross * inverse;
+                let projected = product(&equations.cross, &inverse);
                 subtract_product(&mut information, &projected, &equations.cross);
-                gradient -= projected * equations.own_gradient;
+                gradient -= product(&projected, &equations.own_gradient);
             } else {
                 (information, gradient) = (before, gradient_before);
             }
@@ -471,49 +517,67 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         for i in 0..PARAMETERS {
             damped[(i, i)] *= T::one() + damping;
         }
-        Some(damped.cholesky()?.solve(&-gradient))
+        Some(Self::solution(&Self::factor(&damped)?, &-gradient))
     }
 
-    /// Levenberg-Marquardt with one kernel; the parameters, whether the gain has died down, and the iterations taken.
     #[inline(never)]
-    fn descend(
+    fn factor(information: &Information<T>) -> Option<Factor<T>> {
+        information.cholesky()
+    }
+
+    #[inline(never)]
+    fn solution(factor: &Factor<T>, right: &Gradient<T>) -> Gradient<T> {
+        factor.solve(right)
+    }
+
+    /// Levenberg-Marquardt from where `descent` is, `budget` iterations at most; `None` when a number is not finite or the equations
+    /// are singular.
+    #[inline(never)]
+    pub(super) fn descend(
         &self,
-        start: Motion<T>,
+        descent: &mut Descent<T>,
         landmarks: &mut [InitLandmark<T>],
-        width: T,
-        iterations: usize,
-        least_gain: T,
         memory: &mut [LandmarkMemory<T>],
-    ) -> Option<(Motion<T>, bool, usize)> {
-        let mut motion = start;
-        let mut cost = self.cost(&motion, landmarks, width);
-        let mut damping = T::of(1e-4);
+        mut budget: usize,
+    ) -> Option<()> {
         let mut views = Views::<T, FRAMES>::empty();
-        for iteration in 1..=iterations {
-            views.fill(&motion, self.links, self.body_from_camera);
-            let (information, gradient) = self.reduced(&motion, views.as_slice(), landmarks, width, damping, memory);
-            let step = Self::step(&information, &gradient, damping)?;
-            self.step_landmarks(views.as_slice(), landmarks, &step, width, damping, memory);
-            let candidate = motion.retract(&step);
-            let candidate_cost = self.cost(&candidate, landmarks, width);
-            if candidate_cost < cost {
-                let gain = (cost - candidate_cost) / cost;
-                (motion, cost) = (candidate, candidate_cost);
-                damping = (damping * T::of(0.1)).max(T::of(1e-6));
-                if gain < least_gain {
-                    return Some((motion, true, iteration));
+        while let Some(&(width, iterations, least_gain)) = STAGES.get(descent.stage) {
+            let (width, most) = (T::of(width), iterations.min(descent.left));
+            let mut cost = self.cost(&descent.motion, landmarks, width);
+            descent.is_converged = false;
+            while descent.iteration < most && !descent.is_converged {
+                if budget == 0 {
+                    return Some(());
                 }
-            } else {
-                for landmark in landmarks.iter_mut().filter(|landmark| landmark.is_used) {
-                    (landmark.bearing_in_anchor, landmark.inverse_distance_per_m) = landmark.previous;
-                }
-                damping *= T::of(10.0);
-                if damping > T::of(1e3) {
-                    return cost.is_usable().then_some((motion, true, iteration));
+                budget -= 1;
+                descent.iteration += 1;
+                let damping = descent.damping;
+                views.fill(&descent.motion, self.links, self.body_from_camera);
+                let (information, gradient) = self.reduced(&descent.motion, views.as_slice(), landmarks, width, damping, memory);
+                let step = Self::step(&information, &gradient, damping)?;
+                self.step_landmarks(views.as_slice(), landmarks, &step, width, damping, memory);
+                let candidate = descent.motion.retract(&step);
+                let candidate_cost = self.cost(&candidate, landmarks, width);
+                if candidate_cost < cost {
+                    let gain = (cost - candidate_cost) / cost;
+                    (descent.motion, cost) = (candidate, candidate_cost);
+                    descent.damping = (damping * T::of(0.1)).max(T::of(1e-6));
+                    descent.is_converged = gain < T::of(least_gain);
+                } else {
+                    for landmark in landmarks.iter_mut().filter(|landmark| landmark.is_used) {
+                        (landmark.bearing_in_anchor, landmark.inverse_distance_per_m) = landmark.previous;
+                    }
+                    descent.damping = damping * T::of(10.0);
+                    descent.is_converged = descent.damping > T::of(1e3);
                 }
             }
+            if !cost.is_usable() {
+                return None;
+            }
+            descent.left -= descent.iteration;
+            (descent.stage, descent.iteration, descent.damping) = (descent.stage + 1, 0, T::of(FIRST_DAMPING));
         }
-        cost.is_usable().then_some((motion, false, iterations))
+        Some(())
     }
 
     /// Covariance of the parameters, but for a factor.
@@ -522,26 +586,24 @@ impl<T: Real, B: Bearings<T>, const FRAMES: usize> Problem<'_, T, B, FRAMES> {
         let mut views = Views::<T, FRAMES>::empty();
         views.fill(motion, self.links, self.body_from_camera);
         let (information, _) = self.reduced(motion, views.as_slice(), landmarks, T::one(), T::ZERO, &mut []);
-        Some(information.cholesky()?.inverse())
+        Self::inverse(&information)
     }
 
-    /// Minimises from `start`; `None` when a number is not finite or the equations are singular.
+    // Out of line, so that its memory is not there while the information is summed up: here the stack is deepest.
     #[inline(never)]
-    pub(super) fn solve(
-        &self,
-        start: Motion<T>,
-        landmarks: &mut [InitLandmark<T>],
-        memory: &mut [LandmarkMemory<T>],
-    ) -> Option<Refined<T>> {
-        let mut motion = start;
-        let mut is_converged = false;
-        let mut left = self.config.maximum_iterations;
-        for (width, iterations, least_gain) in STAGES {
-            let taken;
-            (motion, is_converged, taken) =
-                self.descend(motion, landmarks, T::of(width), iterations.min(left), T::of(least_gain), memory)?;
-            left -= taken;
+    fn inverse(information: &Information<T>) -> Option<Information<T>> {
+        let factor = Self::factor(information)?;
+        let mut inverse: Information<T> = diagonal(core::iter::repeat(T::one()));
+        for column in 0..PARAMETERS {
+            inverse.set_column(column, &Self::solution(&factor, &inverse.column(column).into_owned()));
         }
+        Some(inverse)
+    }
+
+    /// What a descent that is over came to; `None` when a number is not finite or the equations are singular.
+    #[inline(never)]
+    pub(super) fn conclude(&self, descent: &Descent<T>, landmarks: &mut [InitLandmark<T>]) -> Option<Refined<T>> {
+        let Descent { motion, is_converged, .. } = *descent;
         let (median_residual_px, inlier_ratio, observations) = self.judge(&motion, landmarks)?;
         // The assumed noise is widened, never narrowed, to what the residuals show (median of a Rayleigh distribution: 1.1774 σ).
         let shown = (median_residual_px / (self.config.sigma_px * T::of(1.1774))).max(T::one());

@@ -154,7 +154,7 @@ struct Spread<T: Real> {
 }
 
 impl<T: Real> Spread<T> {
-    fn of(samples: &[ImuSample<T>], length: usize, part: impl Fn(&ImuSample<T>) -> Vector3<T>) -> Self {
+    fn of(samples: &[ImuSample<T>], length: usize, part: fn(&ImuSample<T>) -> Vector3<T>) -> Self {
         let mean_of = |block: &[ImuSample<T>]| block.iter().fold(Vector3::zeros(), |sum, s| sum + part(s)) / T::of(block.len() as f64);
         let mean = mean_of(samples);
         let third = T::of(1.0 / 3.0);

@@ -22,16 +22,32 @@ type Started = (Result<Alignment<f64>, InitError<f64>>, Vec<NavState<f64>>, Vec<
 fn start(world: &World, config: &InitConfig<f64>) -> Started {
     let mut landmarks = vec![InitLandmark::default(); world.landmark_count()];
     let mut states = vec![NavState::origin(); world.links.len() + 1];
-    let result = initialise_moving::<MAX_INIT_FRAMES, _, _>(
-        config,
-        &world.body_from_camera,
-        &world.links,
-        world,
-        &mut landmarks,
-        &mut [],
-        &mut states,
-    );
+    let problem = problem(world, config);
+    let result = initialise_moving(&problem, &mut landmarks, &mut [], &mut states);
     (result, states, landmarks)
+}
+
+fn problem<'a>(world: &'a World, config: &'a InitConfig<f64>) -> Problem<'a, f64, World, MAX_INIT_FRAMES> {
+    Problem { config, body_from_camera: &world.body_from_camera, links: &world.links, bearings: world }
+}
+
+/// Left after every iteration and taken up again, a start comes to the same numbers as in one go, bit for bit.
+#[test]
+fn a_start_in_pieces_is_the_start_in_one_go() {
+    let world = World::new(&Setup::default());
+    let config = config();
+    let (whole, whole_states, whole_landmarks) = start(&world, &config);
+    let problem = problem(&world, &config);
+    let mut landmarks = vec![InitLandmark::default(); world.landmark_count()];
+    let mut states = vec![NavState::origin(); world.links.len() + 1];
+    let mut pieces = MovingStart::begin(&problem, &mut landmarks).unwrap();
+    let mut count = 1;
+    while !pieces.refine(&problem, &mut landmarks, &mut [], 1).unwrap() {
+        count += 1;
+    }
+    let found = pieces.finish(&problem, &mut landmarks, &mut states).unwrap();
+    assert!((4..=config.maximum_iterations).contains(&count), "{count} pieces");
+    assert_eq!((found, states, landmarks), (whole.unwrap(), whole_states, whole_landmarks));
 }
 
 fn config() -> InitConfig<f64> {
@@ -217,15 +233,9 @@ fn single_precision_agrees_with_double() {
         let config = InitConfig { sigma_px: 0.5_f32, ..InitConfig::default() };
         let bearings = (world.landmark_count(), |l: usize, f: usize| world.bearing(l, f).map(|b| b.cast::<f32>()));
         let extrinsics = world.body_from_camera.cast();
-        let single = initialise_moving::<MAX_INIT_FRAMES, _, _>(
-            &config,
-            &extrinsics,
-            &narrow,
-            &bearings,
-            &mut landmarks,
-            &mut [],
-            &mut narrow_states,
-        );
+        let problem =
+            Problem::<_, _, MAX_INIT_FRAMES> { config: &config, body_from_camera: &extrinsics, links: &narrow, bearings: &bearings };
+        let single = initialise_moving(&problem, &mut landmarks, &mut [], &mut narrow_states);
         let (single, double) = (single.unwrap(), double.unwrap());
         let last = states.len() - 1;
         let apart = (narrow_states[last].position_in_world.cast::<f64>() - states[last].position_in_world).norm() / double.distance_m;

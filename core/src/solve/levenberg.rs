@@ -106,7 +106,7 @@ pub fn optimize<T: Real, const FRAMES: usize, const PAIRS: usize, const POINTS: 
 }
 
 /// Solves `(H + μ diag H) δ = −b`; returns the decrease that the linear model predicts.
-fn solve_step<T: Real, const FRAMES: usize, const PAIRS: usize>(
+pub(super) fn solve_step<T: Real, const FRAMES: usize, const PAIRS: usize>(
     workspace: &mut Workspace<T, FRAMES, PAIRS>,
     frames: usize,
     damping: T,

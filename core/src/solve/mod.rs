@@ -4,6 +4,7 @@
 #![allow(clippy::needless_range_loop, clippy::neg_cmp_op_on_partial_ord)]
 
 mod assemble;
+mod biases;
 pub mod chain;
 pub mod cholesky;
 mod levenberg;
@@ -14,6 +15,7 @@ pub mod triangle;
 mod workspace;
 
 pub use assemble::{assemble, back_substitute, cost};
+pub use biases::newest_bias_variances;
 pub use levenberg::{SolveReport, optimize};
 pub use marginalize::{add_initial, marginalize_oldest};
 pub use workspace::{Geometry, Settings, Workspace};

@@ -114,7 +114,7 @@ pub fn detect(
         }
     }
     let candidates = corners.get_mut(..found).unwrap_or_default();
-    candidates.sort_unstable_by(|a, b| b.score.total_cmp(&a.score));
+    best_first(candidates);
     let least = candidates.first().map_or(0.0, |best| best.score * config.min_relative_score);
     let mut accepted = 0;
     let apart = |a: [f32; 2], b: [f32; 2]| {
@@ -139,6 +139,19 @@ pub fn detect(
         }
     }
     accepted
+}
+
+/// By insertion: a new image adds some dozens of corners at most, and the sorting of `core` is 4 KB of a microcontroller's flash.
+fn best_first(corners: &mut [Corner]) {
+    for sorted in 1..corners.len() {
+        for place in (0..sorted).rev() {
+            let Some([before, this]) = corners.get_mut(place..).and_then(<[Corner]>::first_chunk_mut) else { break };
+            if before.score.total_cmp(&this.score).is_ge() {
+                break;
+            }
+            core::mem::swap(before, this);
+        }
+    }
 }
 
 /// Keeps the best corners that fit.

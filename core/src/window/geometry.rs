@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 use crate::imu::NavState;
+use crate::lie::matrix::{of_rotation, product};
 use crate::real::Real;
 use crate::storage::blank::blank;
 
@@ -28,7 +29,7 @@ impl<T: Real> CameraPose<T> {
     #[must_use]
     pub fn of(state: &NavState<T>, body_from_camera: &Isometry3<T>) -> Self {
         Self {
-            world_from_camera: (state.world_from_body * body_from_camera.rotation).to_rotation_matrix().into_inner(),
+            world_from_camera: of_rotation(&(state.world_from_body * body_from_camera.rotation)),
             center_in_world: state.position_in_world + state.world_from_body * body_from_camera.translation.vector,
         }
     }
@@ -38,6 +39,6 @@ impl<T: Real> CameraPose<T> {
     #[must_use]
     pub fn target_from_anchor(target: &Self, anchor: &Self) -> (Matrix3<T>, Vector3<T>) {
         let camera_from_world = target.world_from_camera.transpose();
-        (camera_from_world * anchor.world_from_camera, camera_from_world * (anchor.center_in_world - target.center_in_world))
+        (product(&camera_from_world, &anchor.world_from_camera), camera_from_world * (anchor.center_in_world - target.center_in_world))
     }
 }

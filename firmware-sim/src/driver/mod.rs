@@ -1,9 +1,9 @@
 //! The sensors: each gives what is due, as a driver hands over what its interrupt has left.
-//!
-//! A depth map would be a third one beside them, polled after the camera.
 
 mod camera;
+mod depth;
 mod imu;
 
 pub use camera::Camera;
+pub use depth::{Depth, DepthMemory};
 pub use imu::Imu;

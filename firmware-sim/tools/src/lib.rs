@@ -1,4 +1,5 @@
-//! Images as a small camera would have taken them, and recordings for the firmware.
+//! Images as a small camera would have taken them, depth maps as a small network would have told them, and recordings for the firmware.
 
+pub mod coarse;
 pub mod recording;
 pub mod small;

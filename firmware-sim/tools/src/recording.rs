@@ -6,7 +6,10 @@ use libella_core::time::Timestamp;
 use libella_firmware_sim::replay::{HEADER_BYTES, MAGIC};
 use nalgebra::Isometry3;
 
-/// The head of a recording with this many samples and images.
+/// Columns and rows of a depth map.
+pub const DEPTH_SIZE: (usize, usize) = (20, 15);
+
+/// The head of a recording with this many samples, images and depth maps.
 #[must_use]
 pub fn header(
     camera: &PinholeRadTan<f64>,
@@ -14,9 +17,11 @@ pub fn header(
     noise: &ImuNoise<f64>,
     samples: usize,
     images: usize,
+    depths: usize,
 ) -> Vec<u8> {
     let mut bytes = MAGIC.to_vec();
-    for count in [samples as u32, images as u32, camera.size_px.0, camera.size_px.1] {
+    let (columns, rows) = DEPTH_SIZE;
+    for count in [samples as u32, images as u32, depths as u32, camera.size_px.0, camera.size_px.1, columns as u32, rows as u32] {
         bytes.extend(count.to_le_bytes());
     }
     let (q, t) = (body_from_camera.rotation.quaternion(), body_from_camera.translation.vector);
@@ -44,5 +49,13 @@ pub fn sample(sample: &ImuSample<f64>) -> Vec<u8> {
 pub fn image(stamp: Timestamp, pixels: &[u8]) -> Vec<u8> {
     let mut bytes = stamp.as_nanos().to_le_bytes().to_vec();
     bytes.extend(pixels);
+    bytes
+}
+
+/// One depth map, from depths in m; 0 is unknown.
+#[must_use]
+pub fn depth(stamp: Timestamp, depths_m: &[f64]) -> Vec<u8> {
+    let mut bytes = stamp.as_nanos().to_le_bytes().to_vec();
+    bytes.extend(depths_m.iter().flat_map(|depth| ((depth * 1000.0).round() as u16).to_le_bytes()));
     bytes
 }

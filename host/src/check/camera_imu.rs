@@ -14,7 +14,7 @@ use super::fit::{Fit, State, fit};
 use super::gyro::Gyro;
 use super::lens::{Deviation, Lens};
 use super::pairs::{Pair, pairs, table};
-use super::sightings::Sightings;
+use super::sightings::{Shot, Sightings};
 
 /// Distances in time of the pairs, s: the first for the coarse alignment, the others for the fit.
 const SPANS_S: [f64; 4] = [0.1, 0.25, 0.5, 1.0];
@@ -30,7 +30,13 @@ const EXACT: f64 = 0.02;
 const DEGREES: [f64; 2] = [35.0, 95.0];
 /// Offset from which a rolling or late clock shows: at 1 rad/s a millisecond is half a pixel. Warning, and fault, s.
 const OFFSET_S: [f64; 2] = [0.0025, 0.004];
-/// The same for the rotation: the estimator follows corners to 1 px (0.12 degree), calibrations repeat to 0.3 degree. Degrees.
+/// The error of an offset grows with the square of the corners' noise in a way that no covariance knows. Corners of images are 0.1 to
+/// 0.4 px off; beyond this value only offsets beyond the next are judged. px, s.
+const NOISY_PX: f64 = 0.7;
+const FAR_OFFSET_S: f64 = 0.05;
+/// Images over less time than this fit many offsets and alignments at once, s.
+const LEAST_SPAN_S: f64 = 4.0;
+/// As of the offset, of the rotation: the estimator follows corners to 1 px (0.12 degree), calibrations repeat to 0.3 degree. Degrees.
 const ROTATION_DEG: [f64; 2] = [1.0, 3.0];
 /// Standard deviations that a deviation must have.
 const SIGMAS: f64 = 4.0;
@@ -44,6 +50,14 @@ const CENTER_OFF: [f64; 2] = [0.05, 0.08];
 const DISTORTION_OFF: [f64; 2] = [0.08, 0.15];
 const LENS_KNOWN: f64 = 0.03;
 
+/// Time from the first to the last image of a window.
+fn window_s(window: &[Shot]) -> f64 {
+    match (window.first(), window.last()) {
+        (Some(first), Some(last)) => (last.stamp - first.stamp).as_seconds(),
+        _ => 0.0,
+    }
+}
+
 /// What is assumed of the raw gyro before the fit.
 struct Reading {
     /// Takes raw rates to the body frame of the stated extrinsics.
@@ -52,9 +66,16 @@ struct Reading {
     body_from_camera: Matrix3<f64>,
 }
 
-/// Compares camera and inertial unit. Returns whether the camera was seen to turn.
+/// Compares camera and inertial unit.
 pub(super) fn check(material: &mut Material, seen: &Sightings, findings: &mut Findings) {
     let Some(origin) = material.imu.first().map(|sample| sample.stamp) else { return };
+    let looked_s: f64 = seen.windows.iter().map(|window| window_s(window)).sum();
+    if looked_s < LEAST_SPAN_S {
+        let measured = format!("images over {looked_s:.1} s, too short to tell time offset, extrinsic rotation and intrinsics");
+        let expected = format!("at least {LEAST_SPAN_S} s with some turning");
+        findings.add(Severity::Note, FindingKind::Motion, measured, expected, "record longer to have them checked");
+        return;
+    }
     let of = |span_s: f64| pairs(&seen.windows, span_s, |shot| (shot.stamp - origin).as_seconds());
     let sets = SPANS_S.map(of);
     let lens = Lens::new(&material.camera, &Deviation::zeros());
@@ -74,15 +95,15 @@ pub(super) fn check(material: &mut Material, seen: &Sightings, findings: &mut Fi
         findings.add(Severity::Fault, FindingKind::Disagreement, measured, format!("a correlation above {LEAST_CORRELATION}"), change);
         return;
     }
-    let reading = judge_axes(material, &coarse, findings);
     let unit = judge_unit(&coarse, findings);
-    gyro.map(&(reading.repair * unit));
-    // So that the noise is judged in rad/s.
+    // So that axes and noise are judged in rad/s.
     material.imu.iter_mut().for_each(|sample| sample.gyro_rad_s *= unit);
-    let raw_bias = coarse.bias(&coarse.best());
+    let raw_bias = coarse.bias(&coarse.best()) * unit;
+    let reading = judge_axes(material, &coarse, &raw_bias, findings);
+    gyro.map(&(reading.repair * unit));
     let start = State {
         body_from_camera: UnitQuaternion::from_matrix(&reading.body_from_camera),
-        bias: reading.repair * raw_bias * unit,
+        bias: reading.repair * raw_bias,
         offset_s: coarse.offset_s,
         lens: Deviation::zeros(),
     };
@@ -101,13 +122,13 @@ pub(super) fn check(material: &mut Material, seen: &Sightings, findings: &mut Fi
     material.figures.camera_imu = Some(figures);
 }
 
-/// Which of the simple explanations holds for the orientation of the gyro.
-fn judge_axes(material: &Material, coarse: &Coarse, findings: &mut Findings) -> Reading {
+/// Which of the simple explanations holds for the orientation of the gyro, of which the bias is given in rad/s.
+fn judge_axes(material: &Material, coarse: &Coarse, bias: &Vector3<f64>, findings: &mut Findings) -> Reading {
     let stated = material.body_from_camera.rotation.to_rotation_matrix().into_inner();
     let reaches = |body_from_camera: &Matrix3<f64>, repair: &Matrix3<f64>| coarse.correlation_of(&(body_from_camera.transpose() * repair));
     let as_stated = Reading { repair: Matrix3::identity(), body_from_camera: stated };
     let rate_hz = material.figures.imu.map_or(200.0, |clock| clock.rate_hz);
-    let agreement = material.accel_is_usable.then(|| axes::compare(material, rate_hz, &coarse.bias(&coarse.best()))).flatten();
+    let agreement = material.accel_is_usable.then(|| axes::compare(material, rate_hz, bias)).flatten();
     let identity = Matrix3::identity();
     let contradicts = |exchange: &Matrix3<f64>| agreement.as_ref().is_some_and(|found| found.contradicts(exchange));
     if reaches(&stated, &identity) >= coarse.correlation - TIE {
@@ -256,7 +277,11 @@ fn describe(material: &Material, coarse: &Coarse, found: &Fit, free: &Fit) -> Ca
     let scaled = |k: usize, unit: f64| Measured { value: lens[k] * unit, sigma: free.lens_sigma(k) * unit, observable: known(k) };
     let focal = |k: usize| Measured { value: lens[k].exp(), sigma: free.lens_sigma(k), observable: known(k) };
     CameraImu {
-        time_offset_ms: Measured { value: state.offset_s * 1e3, sigma: offset_sigma_s * 1e3, observable: offset_sigma_s < OFFSET_KNOWN_S },
+        time_offset_ms: Measured {
+            value: state.offset_s * 1e3,
+            sigma: offset_sigma_s * 1e3,
+            observable: offset_sigma_s < OFFSET_KNOWN_S && found.residual_px < NOISY_PX,
+        },
         rotation_off_deg: Measured { value: off_deg.norm(), sigma: worst, observable: worst < ROTATION_KNOWN_DEG },
         rotation_off_vector_deg: off_deg.into(),
         focal_ratio: [focal(0), focal(1)],
@@ -273,6 +298,18 @@ fn describe(material: &Material, coarse: &Coarse, found: &Fit, free: &Fit) -> Ca
 fn judge_offset(found: &CameraImu, findings: &mut Findings) {
     let Measured { value, sigma, .. } = found.time_offset_ms;
     let off_s = value.abs() * 1e-3;
+    if found.residual_px > NOISY_PX && off_s < FAR_OFFSET_S {
+        let measured = format!("corners are {:.1} px off: the time offset cannot be told", found.residual_px);
+        let expected = format!("less than {NOISY_PX} px");
+        findings.add(
+            Severity::Note,
+            FindingKind::TimeOffset,
+            measured,
+            expected,
+            "sharper images or a better corner detector would tell it",
+        );
+        return;
+    }
     if off_s < OFFSET_S[0] || value.abs() < SIGMAS * sigma {
         return;
     }

@@ -82,7 +82,8 @@ pub(super) fn align(pairs: &[Pair], lens: &Lens, gyro: &Gyro) -> Option<Coarse> 
     let path = gyro.path(&Vector3::zeros());
     let rate_of = |turn: &Turn, offset: f64| {
         let (first, second) = path.between(turn.seconds[0] + offset, turn.seconds[1] + offset)?;
-        Some(so3::log(&(first.attitude.inverse() * second.attitude)) / (turn.seconds[1] - turn.seconds[0]))
+        // Not the angle of the turn: that of rates in a wrong unit would wrap at half a turn.
+        Some((second.angle - first.angle) / (turn.seconds[1] - turn.seconds[0]))
     };
     let correlate = |turns: &[Turn], offset: f64| {
         let (mut weight, mut sum) = (0.0, [Vector3::zeros(); 2]);

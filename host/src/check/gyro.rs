@@ -51,7 +51,8 @@ impl Gyro {
     pub fn path(&self, bias: &Vector3<f64>) -> Path<'_> {
         let mut attitude = Vec::with_capacity(self.seconds.len());
         let mut integral = Vec::with_capacity(self.seconds.len());
-        let (mut q, mut s) = (UnitQuaternion::identity(), Matrix3::zeros());
+        let mut angle = Vec::with_capacity(self.seconds.len());
+        let (mut q, mut s, mut sum) = (UnitQuaternion::identity(), Matrix3::zeros(), Vector3::zeros());
         for index in 0..self.seconds.len() {
             if index > 0 {
                 let dt = self.seconds[index] - self.seconds[index - 1];
@@ -59,11 +60,13 @@ impl Gyro {
                 let next = q * so3::exp(&(mean * dt));
                 s += (q.to_rotation_matrix().into_inner() + next.to_rotation_matrix().into_inner()) * (0.5 * dt);
                 q = UnitQuaternion::new_normalize(next.into_inner());
+                sum += mean * dt;
             }
+            angle.push(sum);
             attitude.push(q);
             integral.push(s);
         }
-        Path { gyro: self, bias: *bias, attitude, integral }
+        Path { gyro: self, bias: *bias, angle, attitude, integral }
     }
 }
 
@@ -72,6 +75,7 @@ impl Gyro {
 pub(super) struct Path<'a> {
     gyro: &'a Gyro,
     bias: Vector3<f64>,
+    angle: Vec<Vector3<f64>>,
     attitude: Vec<UnitQuaternion<f64>>,
     integral: Vec<Matrix3<f64>>,
 }
@@ -85,6 +89,8 @@ pub(super) struct Instant {
     pub integral: Matrix3<f64>,
     /// Rate without bias, rad/s.
     pub rate: Vector3<f64>,
+    /// Sum of the rates, `∫ ω dt`, rad: grows with the unit of the rates, however fast they are.
+    pub angle: Vector3<f64>,
     gaps_before: u32,
     gaps_after: u32,
 }
@@ -100,12 +106,14 @@ impl Path<'_> {
         let dt = seconds - start;
         let rate = from.lerp(to, dt / (end - start));
         let (attitude, integral) = (self.attitude.get(index)?, self.integral.get(index)?);
-        let turned = attitude * so3::exp(&(((from + rate) * 0.5 - self.bias) * dt));
+        let further = ((from + rate) * 0.5 - self.bias) * dt;
+        let turned = attitude * so3::exp(&further);
         let integral = integral + attitude.to_rotation_matrix().into_inner() * dt;
         Some(Instant {
             attitude: turned,
             integral,
             rate: rate - self.bias,
+            angle: self.angle.get(index)? + further,
             gaps_before: *gyro.gaps.get(index)?,
             gaps_after: *gyro.gaps.get(next)?,
         })

@@ -55,7 +55,7 @@ pub(super) struct Equations {
     pub tilts: SMatrix<f64, STATES, 3>,
 }
 
-fn both<'a>(rays: &'a [Option<Ray>], [first, second]: [usize; 2]) -> Option<[&'a Ray; 2]> {
+fn both(rays: &[Option<Ray>], [first, second]: [usize; 2]) -> Option<[&Ray; 2]> {
     Some([rays.get(first)?.as_ref()?, rays.get(second)?.as_ref()?])
 }
 

@@ -1,5 +1,7 @@
 //! `libella check`
 
+use std::path::PathBuf;
+
 use libella_host::check::{CheckOptions, Severity, check};
 use libella_host::config::Config;
 use libella_host::dataset;

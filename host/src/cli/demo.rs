@@ -8,6 +8,8 @@ use libella_host::config::{Config, Scalar};
 use libella_host::eval::evaluate;
 use libella_host::fault::Fault;
 use libella_host::pipeline::{self, ContactSheet, Figure, Report};
+use libella_host::planes;
+use libella_host::report::{Snapshots, write_data, write_page};
 use libella_host::sim::{RenderConfig, RenderedFlight};
 
 use super::run::{describe, exit, parse_scalar, progress, stop_on_interrupt, subtitle, word};
@@ -59,8 +61,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
 
     let bar = progress(recording.frames.len(), arguments.quiet);
     let mut sheet = ContactSheet::new(recording.frames.len());
+    let mut snapshots = Snapshots::new(recording.frames.len());
     let run = pipeline::run_watched(&recording, &config, &stop, |frame, view| {
         if let Some(view) = view {
+            snapshots.add(frame, &view);
             sheet.add(frame.stamp, view);
         }
         bar.set_message(word(frame.health));
@@ -84,6 +88,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     // Without the times, so that the same flight gives the same picture.
     let lasting = subtitle(&Report { core_ms: None, ..report.clone() });
     sheet.draw(&arguments.out.join("demo.png"), &Figure { subtitle: &lasting, ..figure })?;
+    if let Some(found) = &run.planes {
+        planes::write(&arguments.out, found)?;
+    }
+    write_data(&arguments.out, &recording, &config, &run, evaluation.as_ref(), Some(&snapshots))?;
+    write_page(&arguments.out)?;
     if !arguments.quiet {
         let rendering = clock.mean_ms().map(|mean| format!(", {mean:.1} ms per image while the odometry runs")).unwrap_or_default();
         say(&describe(&recording, &report, evaluation.as_ref(), &arguments.out));

@@ -7,22 +7,33 @@ use libella_host::config::EvaluationSection;
 use libella_host::eval::{Evaluation, Trajectory, evaluate};
 use libella_host::fault::Fault;
 
+use super::suite::{self, SuiteArguments};
 use super::{Exit, say};
 
 #[derive(clap::Args)]
+#[command(
+    override_usage = "libella evaluate [--json] ESTIMATE TRUTH\n       libella evaluate --suite FILE.toml [OPTIONS]\n       libella evaluate --euroc DIR [OPTIONS]"
+)]
 pub(crate) struct Arguments {
     /// Estimated trajectory, TUM or EuRoC format.
-    estimate: PathBuf,
+    #[arg(required_unless_present_any = ["suite", "euroc"], conflicts_with_all = ["suite", "euroc"])]
+    estimate: Option<PathBuf>,
     /// True trajectory, TUM or EuRoC format.
-    truth: PathBuf,
+    #[arg(required_unless_present_any = ["suite", "euroc"], conflicts_with_all = ["suite", "euroc"])]
+    truth: Option<PathBuf>,
     /// Prints the figures as JSON.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    suite: SuiteArguments,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
-    let (estimate, truth) = (Trajectory::read(&arguments.estimate)?, Trajectory::read(&arguments.truth)?);
-    let found = evaluate(&estimate, &truth, &EvaluationSection::default()).map_err(|fault| fault.at(&arguments.estimate))?;
+    let (Some(path), Some(truth), false) = (&arguments.estimate, &arguments.truth, arguments.suite.is_given()) else {
+        return suite::run(&arguments.suite, arguments.json);
+    };
+    let (estimate, truth) = (Trajectory::read(path)?, Trajectory::read(truth)?);
+    let found = evaluate(&estimate, &truth, &EvaluationSection::default()).map_err(|fault| fault.at(path))?;
     if arguments.json {
         say(&(serde_json::to_string_pretty(&found).unwrap_or_default() + "\n"));
     } else {

@@ -11,11 +11,12 @@ use libella_host::dataset::{self, Recording};
 use libella_host::eval::{Evaluation, evaluate};
 use libella_host::fault::{Fault, FaultKind};
 use libella_host::network::{DepthNetwork, ModelChoice, Spoil, Spoiled};
-use libella_host::pipeline::{self, DepthFigures, Ended, Figure, Report, Run};
+use libella_host::pipeline::{self, DepthFigures, Ended, Figure, Report, Run, Watch};
 use libella_host::planes;
+use libella_host::report::{self, Snapshots};
 
 use super::input::Input;
-use super::{Exit, say};
+use super::{Exit, say, smooth};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -46,6 +47,12 @@ pub(crate) struct Arguments {
     /// Seed of everything random; overrides the configuration.
     #[arg(long)]
     seed: Option<u64>,
+    /// Afterwards adjusts the whole flight at once and writes `trajectory_smooth.*` beside the causal trajectory.
+    #[arg(long)]
+    smooth: bool,
+    /// Writes no report.html.
+    #[arg(long)]
+    no_html: bool,
     /// Prints nothing but errors.
     #[arg(long, short)]
     quiet: bool,
@@ -97,7 +104,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let stop = stop_on_interrupt();
     let bar = progress(recording.frames.len(), arguments.quiet);
     let mut contradictions = 0;
-    let run = pipeline::run_with_depth(&recording, &config, network, &stop, |frame| {
+    let mut snapshots = Snapshots::new(recording.frames.len());
+    let watch = Watch { view: !arguments.no_html, record: arguments.smooth };
+    let (run, record) = pipeline::run_with(&recording, &config, network, watch, &stop, |frame, view| {
+        if let Some(view) = view {
+            snapshots.add(frame, &view);
+        }
         contradictions += usize::from(frame.health == Health::Initialising(Waiting::Agreement));
         if contradictions == CONTRADICTIONS && !arguments.quiet {
             contradictions += 1;
@@ -112,12 +124,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     bar.finish_and_clear();
     let estimate = run.trajectory();
     let evaluation = recording.truth.as_ref().and_then(|truth| evaluate(&estimate, truth, &config.evaluation).ok());
-    let report = Report::new(&recording, &config, &run, evaluation.as_ref());
-    pipeline::write_outputs(&folder, &run, &report)?;
+    let mut figures = Report::new(&recording, &config, &run, evaluation.as_ref());
+    pipeline::write_outputs(&folder, &run, &figures)?;
     let title = format!("{} · {}", recording.name, if config.scalar == Scalar::F64 { "f64" } else { "f32" });
     let figure = Figure {
         title: &title,
-        subtitle: &subtitle(&report),
+        subtitle: &subtitle(&figures),
         estimate: &estimate,
         truth: recording.truth.as_ref(),
         evaluation: evaluation.as_ref(),
@@ -127,14 +139,26 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         planes::write(&folder, found)?;
         pipeline::draw_planes(&folder, &figure, found)?;
     }
-    if !arguments.quiet {
-        say(&describe(&recording, &report, evaluation.as_ref(), &folder));
+    report::write_data(&folder, &recording, &config, &run, evaluation.as_ref(), Some(&snapshots))?;
+    if !arguments.no_html {
+        report::write_page(&folder)?;
     }
-    let exit = exit(&run, &report);
-    if matches!(exit, Exit::NoResult) {
+    if !arguments.quiet {
+        say(&describe(&recording, &figures, evaluation.as_ref(), &folder));
+    }
+    let done = exit(&run, &figures);
+    if matches!(done, Exit::NoResult) {
         eprintln!("libella: `libella check {}` looks for the cause", arguments.input.dataset.display());
     }
-    Ok(exit)
+    if !(arguments.smooth && matches!(done, Exit::Done)) {
+        return Ok(done);
+    }
+    let Some(smooth) = smooth::run(&recording, &config, (&run, &record), &stop, arguments.quiet)? else {
+        eprintln!("libella: interrupted; the causal trajectory is written, the smooth one is not");
+        return Ok(Exit::Interrupted);
+    };
+    smooth::write(&recording, &config, &smooth, &mut figures, &run, &folder, arguments.quiet)?;
+    Ok(done)
 }
 
 /// What gives depth, ready for the images of the recording.
@@ -177,6 +201,7 @@ pub(super) fn word(health: Health) -> &'static str {
             Waiting::Excitation => "initialising: waits for acceleration",
             Waiting::Gravity => "initialising: specific force is far from gravity, check units and axes",
             Waiting::Agreement => "initialising: vision and inertial samples contradict each other, check T_BS, time stamps and sigma_px",
+            Waiting::Computation => "initialising: computes the start",
             _ => "initialising",
         },
         Health::Tracking => "tracking",

@@ -15,6 +15,11 @@ pub struct DepthSection {
     /// Images that get a depth at most, 1/s: about as many as become keyframes, which nobody knows before an image has been
     /// worked on. At the rate of the camera or above every image gets one. Default 5.0.
     pub rate_hz: f64,
+    /// Whether what the source says of its uncertainty is listened to; otherwise all depths count alike, with `sigma_log` and `u = 0`. Default true.
+    pub uncertainty: bool,
+    /// Without `uncertainty`: the standard deviation of ln depth that all depths have. Default 0.13: the median of
+    /// what `indoor` states in rendered rooms.
+    pub sigma_log: f64,
 }
 
 /// How much depth counts, see [`DepthConfig`]; the defaults are those of the core.
@@ -59,7 +64,7 @@ pub enum Weighting {
 
 impl Default for DepthSection {
     fn default() -> Self {
-        Self { source: "none".into(), rate_hz: 5.0 }
+        Self { source: "none".into(), rate_hz: 5.0, uncertainty: true, sigma_log: 0.13 }
     }
 }
 

@@ -272,6 +272,7 @@ impl Config {
             ("estimator.first_sigma.gyro_bias_rad_s", first.gyro_bias_rad_s),
             ("estimator.first_sigma.accel_bias_m_s2", first.accel_bias_m_s2),
             ("depth.rate_hz", self.depth.rate_hz),
+            ("depth.sigma_log", self.depth.sigma_log),
             ("dataset.max_imu_gap_ms", self.dataset.max_imu_gap_ms),
             ("dataset.max_image_gap_ms", self.dataset.max_image_gap_ms),
             ("evaluation.max_truth_gap_s", self.evaluation.max_truth_gap_s),
@@ -354,7 +355,7 @@ impl Config {
     /// The bound of one step.
     #[must_use]
     pub fn budget(&self) -> StepBudget {
-        StepBudget { iterations: self.estimator.iterations }
+        StepBudget { iterations: self.estimator.iterations, ..StepBudget::default() }
     }
 }
 

@@ -25,9 +25,16 @@ pub struct PoseWithCovariance {
 /// Normalised estimation error squared of every pose but the first; poses with a singular covariance are left out.
 #[must_use]
 pub fn pose_nees(poses: &[PoseWithCovariance]) -> Vec<f64> {
+    pose_nees_of_each(poses).into_iter().flatten().collect()
+}
+
+/// The same, one entry per pose; nothing for the first and where the covariance is singular.
+#[must_use]
+pub fn pose_nees_of_each(poses: &[PoseWithCovariance]) -> Vec<Option<f64>> {
     let Some(first) = poses.first() else { return Vec::new() };
     let truth_from_estimate = heading_and_position(&first.matched);
-    poses.iter().skip(1).filter_map(|pose| nees(pose, &truth_from_estimate)).collect()
+    let others = poses.iter().skip(1).map(|pose| nees(pose, &truth_from_estimate));
+    std::iter::once(None).chain(others).collect()
 }
 
 fn nees(pose: &PoseWithCovariance, truth_from_estimate: &Isometry3<f64>) -> Option<f64> {

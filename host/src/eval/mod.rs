@@ -9,7 +9,7 @@ mod trajectory;
 
 pub use align::{Alignment, align};
 pub use ate::{Matched, Statistics, associate, position_errors_m};
-pub use consistency::{PoseWithCovariance, pose_nees};
+pub use consistency::{PoseWithCovariance, pose_nees, pose_nees_of_each};
 pub use report::{Evaluation, evaluate};
 pub use rpe::{RelativeError, relative_errors};
 pub use trajectory::{StampedPose, Trajectory};

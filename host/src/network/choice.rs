@@ -71,6 +71,20 @@ impl ModelChoice {
     }
 }
 
+impl ModelChoice {
+    /// The ONNX file that is read, where one is; what is part of the program or stored beside a recording has none.
+    ///
+    /// # Errors
+    /// When a model of the project is not there.
+    pub fn file(&self) -> Result<Option<PathBuf>, Fault> {
+        match self {
+            Self::Euroc => found("euroc.onnx").map(Some),
+            Self::File(path) => Ok(Some(path.with_extension("onnx"))),
+            Self::None | Self::Indoor | Self::Recorded(_) => Ok(None),
+        }
+    }
+}
+
 #[cfg(feature = "network")]
 fn shipped(camera: &CameraModel<f64>) -> Result<Box<dyn DepthNetwork>, Fault> {
     let card = super::ModelCard::parse(include_str!("../../models/indoor.toml"), Path::new("indoor.toml"))?;

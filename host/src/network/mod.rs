@@ -9,6 +9,7 @@
 //!
 //! Whoever reads a [`DepthMap`] works in raw pixels of its own camera and never hears of the model's.
 
+mod alike; // depth without its uncertainty
 mod area; // images shrink by averages over area
 mod camera; // one camera's pixels in another's
 mod card; // model.toml
@@ -24,6 +25,7 @@ mod recorded;
 mod spoil;
 mod worker;
 
+pub use alike::Alike;
 pub use camera::{Resampling, SAME_CAMERA_PX};
 pub use card::{DepthOutput, DistortionModel, ModelCamera, ModelCard, OutputKind, UncertaintyOutput};
 pub use choice::{MODELS_VARIABLE, ModelChoice};

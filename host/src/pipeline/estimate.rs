@@ -7,13 +7,13 @@ use std::time::Instant;
 
 use libella_core::estimator::{FrameOutcome, Health, InputError};
 use libella_core::image::PyramidPair;
-use libella_core::imu::ImuSample;
+use libella_core::imu::{ImuBias, ImuSample};
 use libella_core::profile::Desktop;
 use libella_core::real::Real;
 use libella_core::time::Timestamp;
 use libella_core::track::Observation;
 use libella_core::window::DepthSource;
-use nalgebra::{Isometry3, Quaternion, SMatrix, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, SMatrix, Vector3};
 
 use super::depth::{self, DepthResult, DepthTimes, DepthUse, EventsWithDepth, Told};
 use super::view::{self, View};
@@ -21,13 +21,16 @@ use crate::config::{Config, Scalar};
 use crate::dataset::{Event, Frames, Recording};
 use crate::eval::{StampedPose, Trajectory};
 use crate::fault::{Fault, FaultKind};
-use crate::network::DepthNetwork;
+use crate::map::{FlightRecord, Glance, Recorder};
+use crate::network::{Alike, DepthMap, DepthNetwork};
 use crate::planes::{PlaneFinder, Planes};
 
 /// Room for the pyramids of images up to about 1.5 megapixels; pages that are never touched cost nothing.
 const PYRAMID_BYTES: usize = 2 << 20;
 /// The estimator is built on the stack of its thread before it moves to the heap.
 const STACK_BYTES: usize = 64 << 20;
+/// Poses from one whose biases' uncertainty is asked for to the next: it changes slowly and costs an iteration.
+const BIAS_SIGMA_EVERY: usize = 10;
 
 /// A causal pose: what the estimator knew when the image had been worked on.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,6 +47,8 @@ pub struct PoseResult {
     pub accel_bias_m_s2: Vector3<f64>,
     /// Covariance of `[δφ δp]`, rad and m.
     pub pose_covariance: SMatrix<f64, 6, 6>,
+    /// Standard deviations of the biases, of every tenth pose.
+    pub bias_sigma: Option<ImuBias<f64>>,
 }
 
 /// What became of one image.
@@ -57,6 +62,8 @@ pub struct FrameResult {
     pub health: Health,
     /// Why the image was left out.
     pub refused: Option<String>,
+    /// Landmarks with a depth that the image saw.
+    pub tracked: usize,
     /// Time in `push_imu` since the image before, ms.
     pub imu_ms: f64,
     /// Time in `push_image` or `push_tracks`, ms.
@@ -135,7 +142,7 @@ impl Run {
 /// # Errors
 /// When no thread can be started. Faults of single inputs are in the results instead.
 pub fn run(recording: &Recording, config: &Config, stop: &AtomicBool, mut observe: impl FnMut(&FrameResult)) -> Result<Run, Fault> {
-    run_to(recording, config, stop, None, false, |frame, _| observe(frame))
+    run_to(recording, config, stop, None, Watch::default(), |seen| observe(&seen.result))
 }
 
 /// [`run`] with a source of depth, which works in a thread of its own ahead of the estimator. The results do not depend on how fast it is.
@@ -149,10 +156,31 @@ pub fn run_with_depth(
     stop: &AtomicBool,
     mut observe: impl FnMut(&FrameResult),
 ) -> Result<Run, Fault> {
-    if let Some(network) = &network {
-        depth::check(network.as_ref(), !matches!(recording.frames, Frames::Tracks(_)))?;
-    }
-    run_to(recording, config, stop, network, false, |frame, _| observe(frame))
+    run_to(recording, config, stop, network, Watch::default(), |seen| observe(&seen.result))
+}
+
+/// [`run_with_depth`] for somebody who also wants to see what the estimator saw, or to keep what the map needs of the flight: `watch` says
+/// what. The record is empty where it is not wanted.
+///
+/// # Errors
+/// As [`run_with_depth`].
+pub fn run_with(
+    recording: &Recording,
+    config: &Config,
+    network: Option<Box<dyn DepthNetwork>>,
+    watch: Watch,
+    stop: &AtomicBool,
+    mut observe: impl FnMut(&FrameResult, Option<View>),
+) -> Result<(Run, FlightRecord), Fault> {
+    let mut recorder = Recorder::default();
+    let run = run_to(recording, config, stop, network, watch, |seen| {
+        let view = seen.view.take();
+        observe(&seen.result, view);
+        if let Some(glance) = seen.glance.take() {
+            recorder.add(glance);
+        }
+    })?;
+    Ok((run, recorder.finish()))
 }
 
 /// [`run`] for somebody who also wants to see what the estimator saw in each image that it took.
@@ -163,9 +191,29 @@ pub fn run_watched(
     recording: &Recording,
     config: &Config,
     stop: &AtomicBool,
-    observe: impl FnMut(&FrameResult, Option<View>),
+    mut observe: impl FnMut(&FrameResult, Option<View>),
 ) -> Result<Run, Fault> {
-    run_to(recording, config, stop, None, true, observe)
+    let watch = Watch { view: true, ..Watch::default() };
+    run_to(recording, config, stop, None, watch, |seen| {
+        let view = seen.view.take();
+        observe(&seen.result, view);
+    })
+}
+
+/// What is wanted of every image beside its result.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Watch {
+    /// What the estimator saw in it.
+    pub view: bool,
+    /// What the map needs of it; some 6 KB an image with 200 corners.
+    pub record: bool,
+}
+
+/// The result of an image with what was wanted beside it.
+struct Seen {
+    result: FrameResult,
+    view: Option<View>,
+    glance: Option<Glance>,
 }
 
 fn run_to(
@@ -173,17 +221,23 @@ fn run_to(
     config: &Config,
     stop: &AtomicBool,
     network: Option<Box<dyn DepthNetwork>>,
-    watched: bool,
-    mut observe: impl FnMut(&FrameResult, Option<View>),
+    watch: Watch,
+    mut observe: impl FnMut(&mut Seen),
 ) -> Result<Run, Fault> {
+    if let Some(network) = &network {
+        depth::check(network.as_ref(), !matches!(recording.frames, Frames::Tracks(_)))?;
+    }
+    let network = network.map(|network| -> Box<dyn DepthNetwork> {
+        if config.depth.uncertainty { network } else { Box::new(Alike::new(network, config.depth.sigma_log)) }
+    });
     let begun = Instant::now();
     let depth_source = network.as_ref().map(DepthNetwork::describe);
     let (sender, receiver) = channel();
     let mut frames = Vec::with_capacity(recording.frames.len());
     let (ended, planes) = std::thread::scope(|scope| {
         let work = move || match config.scalar {
-            Scalar::F64 => work::<f64>(recording, config, stop, network, watched, &sender),
-            Scalar::F32 => work::<f32>(recording, config, stop, network, watched, &sender),
+            Scalar::F64 => work::<f64>(recording, config, stop, network, watch, &sender),
+            Scalar::F32 => work::<f32>(recording, config, stop, network, watch, &sender),
         };
         let thread = std::thread::Builder::new()
             .name("estimator".into())
@@ -192,9 +246,9 @@ fn run_to(
             .map_err(|error| {
                 Fault::new(FaultKind::Output, format!("no thread for the estimator ({error})"), "free memory or raise the limit")
             })?;
-        for (frame, view) in receiver {
-            observe(&frame, view);
-            frames.push(frame);
+        for mut seen in receiver {
+            observe(&mut seen);
+            frames.push(seen.result);
         }
         match thread.join() {
             Ok(Ok(Ok(finished))) => Ok(finished),
@@ -217,6 +271,10 @@ struct Worker<'a, T: Real> {
     config: &'a Config,
     finder: Option<PlaneFinder>,
     has_depth: bool,
+    /// Whether the maps are kept to be shown, and the newest of them.
+    watched: bool,
+    newest_map: Option<DepthMap>,
+    poses: usize,
     imu_ms: f64,
     refused_imu: Refusals,
 }
@@ -226,8 +284,8 @@ fn work<T: Real>(
     config: &Config,
     stop: &AtomicBool,
     network: Option<Box<dyn DepthNetwork>>,
-    watched: bool,
-    sender: &Sender<(FrameResult, Option<View>)>,
+    watch: Watch,
+    sender: &Sender<Seen>,
 ) -> Result<(Ended, Option<Planes>), Fault> {
     let rig = &recording.rig;
     let settings = config.estimator_config::<T>(&rig.imu_noise);
@@ -237,6 +295,9 @@ fn work<T: Real>(
         config,
         finder: config.planes.finder().map(PlaneFinder::new).transpose()?,
         has_depth: network.is_some(),
+        watched: watch.view,
+        newest_map: None,
+        poses: 0,
         imu_ms: 0.0,
         refused_imu: Refusals::default(),
     };
@@ -263,8 +324,11 @@ fn work<T: Real>(
                 worker.take_frame(frame.stamp, None, |estimator, _| estimator.push_tracks(frame.stamp, &observations))
             }
         };
-        let view = (watched && result.outcome.is_some()).then(|| view::of(&worker.estimator, rig, result.stamp, pixels));
-        if sender.send((result, view)).is_err() || stop.load(Ordering::Relaxed) {
+        let depth = worker.newest_map.take();
+        let view = (watch.view && result.outcome.is_some())
+            .then(|| View { depth, ..view::of(&worker.estimator, rig, result.stamp, pixels, worker.finder.as_ref()) });
+        let glance = result.outcome.filter(|_| watch.record).map(|outcome| view::glance(&worker.estimator, result.stamp, outcome));
+        if sender.send(Seen { result, view, glance }).is_err() || stop.load(Ordering::Relaxed) {
             return Ok((Ended::Interrupted, worker.finder.map(PlaneFinder::finish)));
         }
     }
@@ -316,15 +380,27 @@ impl<T: Real> Worker<'_, T> {
             used: pushed.and_then(|()| did.ok_or_else(|| "the image was not worked on".into())),
         });
         let depth_share = self.has_depth.then(|| self.depth_share()).flatten();
-        FrameResult { outcome: Some(outcome), track_ms, solve_ms, pose: self.pose_at(stamp), depth, depth_share, ..self.blank(stamp) }
+        let tracked = self.estimator.report().tracked;
+        FrameResult {
+            outcome: Some(outcome),
+            tracked,
+            track_ms,
+            solve_ms,
+            pose: self.pose_at(stamp),
+            depth,
+            depth_share,
+            ..self.blank(stamp)
+        }
     }
 
     /// Hands a map to the estimator; what it did with it, its next step says.
     fn take_depth(&mut self, stamp: Timestamp, told: Told) -> (DepthTimes, Result<(), String>) {
         let begun = Instant::now();
         let pushed = told.map.and_then(|map| {
-            let map = depth::view(&map).map_err(|error| error.to_string())?;
-            self.estimator.push_depth(stamp, &map).map_err(|error| error.to_string())
+            let view = depth::view(&map).map_err(|error| error.to_string())?;
+            let pushed = self.estimator.push_depth(stamp, &view).map_err(|error| error.to_string());
+            self.newest_map = self.watched.then_some(map);
+            pushed
         });
         (DepthTimes { push_ms: milliseconds_since(begun), ..told.times }, pushed)
     }
@@ -351,6 +427,7 @@ impl<T: Real> Worker<'_, T> {
             outcome: None,
             health: self.estimator.health(),
             refused: None,
+            tracked: 0,
             imu_ms: std::mem::take(&mut self.imu_ms),
             track_ms: 0.0,
             solve_ms: 0.0,
@@ -362,20 +439,23 @@ impl<T: Real> Worker<'_, T> {
     }
 
     /// The newest state, if it is the one of this image and usable.
-    fn pose_at(&self, stamp: Timestamp) -> Option<PoseResult> {
+    fn pose_at(&mut self, stamp: Timestamp) -> Option<PoseResult> {
         let newest = self.estimator.state().filter(|newest| newest.stamp == stamp)?;
+        let state = view::in_f64(&newest.state);
+        let bias_sigma = self.poses.is_multiple_of(BIAS_SIGMA_EVERY).then(|| self.estimator.bias_sigmas()).flatten();
+        self.poses += 1;
         let vector = |v: &Vector3<T>| v.map(Real::as_f64);
-        let q = newest.state.world_from_body.quaternion();
-        let rotation = UnitQuaternion::new_normalize(Quaternion::new(q.w.as_f64(), q.i.as_f64(), q.j.as_f64(), q.k.as_f64()));
         let pose = PoseResult {
             stamp,
-            world_from_body: Isometry3::from_parts(Translation3::from(vector(&newest.state.position_in_world)), rotation),
-            velocity_in_world: vector(&newest.state.velocity_in_world),
-            gyro_bias_rad_s: vector(&newest.state.bias.gyro_rad_s),
-            accel_bias_m_s2: vector(&newest.state.bias.accel_m_s2),
+            world_from_body: state.pose(),
+            velocity_in_world: state.velocity_in_world,
+            gyro_bias_rad_s: state.bias.gyro_rad_s,
+            accel_bias_m_s2: state.bias.accel_m_s2,
             pose_covariance: newest.pose_covariance.map(Real::as_f64),
+            bias_sigma: bias_sigma.map(|sigma| ImuBias { gyro_rad_s: vector(&sigma.gyro_rad_s), accel_m_s2: vector(&sigma.accel_m_s2) }),
         };
-        let finite = rotation.coords.iter().chain(pose.world_from_body.translation.vector.iter()).all(|value| value.is_finite());
+        let finite =
+            state.world_from_body.coords.iter().chain(pose.world_from_body.translation.vector.iter()).all(|value| value.is_finite());
         finite.then_some(pose)
     }
 }

@@ -14,11 +14,13 @@ mod simulated;
 mod view;
 
 pub use depth::{DepthResult, DepthTimes, DepthUse};
-pub use estimate::{Ended, FrameResult, PoseResult, Refusals, Run, run, run_watched, run_with_depth};
+pub use estimate::{Ended, FrameResult, PoseResult, Refusals, Run, Watch, run, run_watched, run_with, run_with_depth};
 pub use figure::{Figure, draw};
 pub use planes_figure::draw_planes;
+pub(crate) use record::nees_over_time;
 pub use record::{
-    Consistency, CoreTiming, DepthFigures, LeftOut, PlanesReport, Report, ScaleFigures, Timing, prepare_outputs, write_outputs,
+    Consistency, CoreTiming, DepthFigures, LeftOut, PlanesReport, Report, ScaleFigures, SmoothReport, Timing, prepare_outputs,
+    write_outputs, write_smooth,
 };
 pub use resources::rss_peak_mb;
 pub use sheet::ContactSheet;

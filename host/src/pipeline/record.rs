@@ -12,8 +12,9 @@ use serde::Serialize;
 use super::{DepthResult, DepthUse, Ended, PoseResult, Refusals, Run, rss_peak_mb};
 use crate::config::{Config, Scalar};
 use crate::dataset::{Layout, Recording, Remark};
-use crate::eval::{Evaluation, Matched, PoseWithCovariance, RelativeError, Statistics, pose_nees};
+use crate::eval::{Evaluation, Matched, PoseWithCovariance, RelativeError, Statistics, pose_nees_of_each};
 use crate::fault::{Fault, FaultKind};
+use crate::map::{EpochReport, Smooth};
 use crate::planes::{Planes, name_of as name_of_class};
 
 /// A time per image in a few numbers, ms.
@@ -227,6 +228,35 @@ pub struct Report {
     pub depth: Option<DepthFigures>,
     /// What is odd about the recording.
     pub remarks: Vec<Remark>,
+    /// The smooth trajectory, where one was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub smooth: Option<SmoothReport>,
+}
+
+/// Figures of the smooth trajectory.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SmoothReport {
+    /// Position error after alignment by a rigid transform, RMSE, m.
+    pub ate_rmse_m: Option<f64>,
+    /// How far the scale is from the truth's, percent.
+    pub scale_error_percent: Option<f64>,
+    /// Poses.
+    pub poses: usize,
+    /// What each epoch was made of.
+    pub epochs: Vec<EpochReport>,
+}
+
+impl SmoothReport {
+    /// Gathers the figures.
+    #[must_use]
+    pub fn new(smooth: &Smooth, evaluation: Option<&Evaluation>) -> Self {
+        Self {
+            ate_rmse_m: evaluation.map(|found| found.ate_rmse_m),
+            scale_error_percent: evaluation.map(|found| found.scale_error_percent),
+            poses: smooth.poses.len(),
+            epochs: smooth.epochs.clone(),
+        }
+    }
 }
 
 impl Report {
@@ -279,6 +309,7 @@ impl Report {
             imu_left_out: samples.into(),
             depth: DepthFigures::of(run),
             remarks: recording.remarks.clone(),
+            smooth: None,
         }
     }
 }
@@ -310,6 +341,13 @@ fn core_timing(run: &Run) -> Option<CoreTiming> {
 }
 
 fn consistency(recording: &Recording, config: &Config, run: &Run) -> Option<Consistency> {
+    let values: Vec<f64> = nees_over_time(recording, config, run)?.into_iter().map(|(_, value)| value).collect();
+    let found = Statistics::of(&values)?;
+    Some(Consistency { mean: found.mean, median: found.median, poses: values.len() })
+}
+
+/// Normalised estimation error squared of the poses that have a truth; nothing where the truth has no vertical in common.
+pub(crate) fn nees_over_time(recording: &Recording, config: &Config, run: &Run) -> Option<Vec<(Timestamp, f64)>> {
     // Without a vertical in common the first pose cannot be laid onto the truth.
     let truth = recording.truth.as_ref().filter(|_| recording.truth_is_level)?;
     #[allow(clippy::cast_possible_truncation)]
@@ -322,9 +360,8 @@ fn consistency(recording: &Recording, config: &Config, run: &Run) -> Option<Cons
             Some(PoseWithCovariance { matched, covariance: pose.pose_covariance })
         })
         .collect();
-    let values = pose_nees(&poses);
-    let found = Statistics::of(&values)?;
-    Some(Consistency { mean: found.mean, median: found.median, poses: values.len() })
+    let stamped = pose_nees_of_each(&poses).into_iter().zip(&poses);
+    Some(stamped.filter_map(|(value, pose)| Some((pose.matched.stamp, value?))).collect())
 }
 
 /// Makes the folder of the results, and finds out before a run whether it can be written to.
@@ -352,6 +389,29 @@ pub fn write_outputs(folder: &Path, run: &Run, report: &Report) -> Result<(), Fa
         write(&folder.join("depth_scale.csv"), &depth_scale(run))?;
     }
     write(&folder.join("report.json"), &(json + "\n"))
+}
+
+/// Writes `trajectory_smooth.tum` and `trajectory_smooth.csv` into a folder that is there.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write_smooth(folder: &Path, smooth: &Smooth) -> Result<(), Fault> {
+    let poses: Vec<_> = smooth
+        .poses
+        .iter()
+        .map(|pose| PoseResult {
+            stamp: pose.stamp,
+            world_from_body: pose.state.pose(),
+            velocity_in_world: pose.state.velocity_in_world,
+            gyro_bias_rad_s: pose.state.bias.gyro_rad_s,
+            accel_bias_m_s2: pose.state.bias.accel_m_s2,
+            // Neither format has a place for it.
+            pose_covariance: nalgebra::SMatrix::zeros(),
+            bias_sigma: None,
+        })
+        .collect();
+    write(&folder.join("trajectory_smooth.tum"), &tum(poses.iter()))?;
+    write(&folder.join("trajectory_smooth.csv"), &euroc(poses.iter()))
 }
 
 pub(super) fn write(path: &Path, text: &str) -> Result<(), Fault> {

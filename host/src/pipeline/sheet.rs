@@ -334,9 +334,10 @@ mod tests {
                 pixel: [100.0 + index as f64 + 150.0 * f64::from(track), 200.0],
                 depth_m,
                 point_in_world: depth_m.map(|depth| Vector3::new(depth, f64::from(track), 1.0)),
+                plane: None,
             };
             let corners = vec![corner(0, Some(1.0)), corner(1, Some(6.0)), corner(2, None)];
-            sheet.add(Timestamp::from_nanos(50_000_000 * i64::try_from(index).unwrap()), View { image: Some(image), corners });
+            sheet.add(Timestamp::from_nanos(50_000_000 * i64::try_from(index).unwrap()), View { image: Some(image), corners, depth: None });
         }
         sheet
     }
@@ -369,7 +370,7 @@ mod tests {
         let mut sheet = sheet(30);
         assert_eq!(sheet.trails[&TrackId(0)].iter().map(|pixel| pixel[0]).collect::<Vec<_>>()[..2], [119.0, 120.0]);
         assert_eq!(sheet.trails[&TrackId(0)].len(), TRAIL);
-        sheet.add(Timestamp::from_nanos(2_000_000_000), View { image: None, corners: Vec::new() });
+        sheet.add(Timestamp::from_nanos(2_000_000_000), View { image: None, corners: Vec::new(), depth: None });
         assert!(sheet.trails.is_empty());
     }
 

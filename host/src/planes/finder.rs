@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use libella_core::plane::associate::AssociateConfig;
 use libella_core::plane::fit::FitConfig;
-use libella_core::plane::{PlaneClass, PlaneEvent, PlaneId, PlaneMap, TrackedPlane};
+use libella_core::plane::{Plane, PlaneClass, PlaneEvent, PlaneId, PlaneMap, TrackedPlane};
 use libella_core::profile::Desktop;
 use libella_core::real::Real;
 use libella_core::time::{Span, Timestamp};
@@ -77,6 +77,17 @@ pub struct Planes {
     pub points: Vec<(Vector3<f64>, Option<usize>)>,
     /// Mean share of the landmarks that were on a plane, where planes were used.
     pub share_on_planes: Option<f64>,
+}
+
+impl Planes {
+    /// Those that are still there at the end.
+    #[must_use]
+    pub fn standing(&self) -> Vec<Plane<f64>> {
+        let standing = self.planes.iter().filter(|plane| plane.gone_into.is_none());
+        standing
+            .map(|plane| Plane { normal_in_world: UnitVector3::new_normalize(plane.normal_in_world), offset_m: plane.offset_m })
+            .collect()
+    }
 }
 
 /// Finds planes while an estimator runs.
@@ -165,6 +176,13 @@ impl PlaneFinder {
         self.names.clear();
         self.ledger.clear();
         self.images = 0;
+    }
+
+    /// What the steady plane is that a point in world, m, lies on.
+    #[must_use]
+    pub fn class_at(&self, point: &Vector3<f64>) -> Option<PlaneClass> {
+        let id = self.map.supporting(point, self.config.theta_m, MARGIN_M).filter(|id| self.names.contains_key(id))?;
+        self.map.get(id).map(|plane| plane.class)
     }
 
     /// What was found.

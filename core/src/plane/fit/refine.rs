@@ -3,10 +3,11 @@
 // A comparison that NaN must fail is written as the negation of what must hold.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
-use nalgebra::{Matrix3, SymmetricEigen, UnitVector3, Vector3};
+use nalgebra::{Matrix3, UnitVector3, Vector3};
 
 use super::scan::{Level, Limits, Sums, Surface, Tilted, Upright, distances, moments, moments_from_above};
 use super::{Fit, Found, angle_rad};
+use crate::lie::matrix::symmetric_eigen;
 use crate::plane::geometry::Plane;
 use crate::plane::samples::{Candidates, View};
 use crate::real::Real;
@@ -53,7 +54,7 @@ impl<T: Real> Scatter<T> {
 
     /// The normal of the inliers' own plane: across the two major axes.
     fn own_normal(&self) -> Option<Vector3<T>> {
-        let eigen = SymmetricEigen::try_new(self.covariance, T::default_epsilon(), 64)?;
+        let eigen = symmetric_eigen(&self.covariance)?;
         let normal: Vector3<T> = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into();
         normal.iter().all(|x| x.is_usable()).then_some(normal)
     }

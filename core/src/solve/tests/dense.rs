@@ -9,7 +9,7 @@ use super::world::{Recipe, SmallPrior, SmallWindow, SmallWorkspace, World};
 use crate::factor::{imu, reprojection};
 use crate::robust::kernel::Kernel;
 use crate::solve::point::FLOOR;
-use crate::solve::{Settings, assemble, back_substitute, chain, cost, optimize};
+use crate::solve::{Settings, assemble, back_substitute, chain, cost, newest_bias_variances, optimize};
 use crate::storage::blocks::place;
 
 /// Rows of all factors as one matrix; unknowns are the frames, 15 each, then the active landmarks, `x, y, λ`.
@@ -305,6 +305,29 @@ fn the_stated_covariance_is_that_of_the_whole_system() {
                 let size = (expected[(r, r)] * expected[(c, c)]).sqrt();
                 assert!((found[(r, c)] - expected[(r, c)]).abs() < 1e-6 * size, "{r} {c}: {} {}", found[(r, c)], expected[(r, c)]);
             }
+        }
+    }
+}
+
+/// The variances stated of the newest biases are those of the inverse of the whole system, with its floor of 1e-6.
+#[test]
+fn the_stated_variances_of_the_biases_are_those_of_the_whole_system() {
+    for recipe in recipes() {
+        let world = World::<f64>::new(&recipe).with_planes();
+        let whole = dense(&world.window, &world.prior, &world.settings);
+        let mut hessian = whole.normal_equations().0;
+        for k in 0..15 * whole.frames {
+            hessian[(k, k)] += 1e-6;
+        }
+        let scale = hessian.diagonal().map(|value| 1.0 / value.sqrt());
+        let scaled = DMatrix::from_fn(hessian.nrows(), hessian.ncols(), |r, c| hessian[(r, c)] * scale[r] * scale[c]);
+        let inverse = scaled.cholesky().unwrap().inverse();
+        let mut workspace = Box::<SmallWorkspace<f64>>::default();
+        let found = newest_bias_variances(&world.window, &world.prior, &mut workspace, &world.settings).unwrap();
+        for (axis, found) in found.into_iter().enumerate() {
+            let k = 15 * (whole.frames - 1) + 9 + axis;
+            let expected = inverse[(k, k)] * scale[k] * scale[k];
+            assert!((found - expected).abs() < 1e-6 * expected, "{axis}: {found} {expected}");
         }
     }
 }

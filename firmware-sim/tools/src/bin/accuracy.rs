@@ -3,8 +3,9 @@
 //! ```sh
 //! cargo run --release --manifest-path firmware-sim/Cargo.toml -p libella-firmware-tools --bin accuracy -- [SETTING=VALUE...] RECORDING...
 //! ```
-//! A recording is a EuRoC folder. A setting is a number of `EstimatorConfig` and holds for `Micro` alone. Prints, for each, how many images have a pose, when the first came, and the error of the causal
-//! positions after SE(3) alignment without scale.
+//! A recording is a EuRoC folder. A setting is a number of `EstimatorConfig` or, with `planes.` before it, of `planes::Settings`; it holds for
+//! `Micro` alone, and `only=micro` leaves `Desktop` out. Prints, for each, how many images have a pose, when the first came, and the error of the causal positions after SE(3)
+//! alignment without scale. `Micro` flies without planes, and with them.
 
 use std::error::Error;
 use std::path::Path;
@@ -17,6 +18,7 @@ use libella_core::imu::{ImuNoise, ImuSample};
 use libella_core::profile::{Micro, MicroPyramids};
 use libella_core::time::{Span, Timestamp};
 use libella_firmware_sim::memory;
+use libella_firmware_sim::planes::{self, Planes};
 use libella_firmware_tools::small;
 use libella_host::config::Config;
 use libella_host::dataset::{self, Event, Recording};
@@ -27,16 +29,25 @@ use nalgebra::{Isometry3, Vector3};
 fn main() -> Result<(), Box<dyn Error>> {
     let config = Config::default();
     let mut small = memory::settings(ImuNoise::adis16448());
+    let (mut planes, mut micro_only) = (planes::Settings::default(), false);
     for argument in std::env::args().skip(1) {
         if let Some((name, value)) = argument.split_once('=') {
-            *setting(&mut small, name).ok_or_else(|| format!("no setting {name}"))? = value.parse()?;
+            match name {
+                "only" if value == "micro" => micro_only = true,
+                "planes.every" => planes.every = value.parse()?,
+                "planes.steady_after" => planes.associate.steady_after = value.parse()?,
+                "planes.least_inliers" => planes.fit.least_inliers = value.parse()?,
+                _ => *setting(&mut small, &mut planes, name).ok_or_else(|| format!("no setting {name}"))? = value.parse()?,
+            }
             continue;
         }
         let recording = dataset::open(Path::new(&argument), &config.dataset)?;
         println!("{}", recording.name);
-        let (trajectory, lost) = fly_small(&recording, &config, small)?;
-        report("Micro, 160x120, f32", &recording, &trajectory, lost);
-        if std::env::var_os("MICRO_ONLY").is_some() {
+        for (name, planes) in [("Micro, 160x120, f32", None), ("Micro with planes", Some(planes))] {
+            let (trajectory, lost) = fly_small(&recording, &config, small, planes)?;
+            report(name, &recording, &trajectory, lost);
+        }
+        if micro_only {
             continue;
         }
         let run = pipeline::run(&recording, &config, &AtomicBool::new(false), |_| ())?;
@@ -46,7 +57,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn setting<'a>(config: &'a mut EstimatorConfig<f32>, name: &str) -> Option<&'a mut f32> {
+fn setting<'a>(config: &'a mut EstimatorConfig<f32>, planes: &'a mut planes::Settings, name: &str) -> Option<&'a mut f32> {
     Some(match name {
         "sigma_px" => &mut config.sigma_px,
         "huber" => &mut config.huber,
@@ -62,11 +73,24 @@ fn setting<'a>(config: &'a mut EstimatorConfig<f32>, name: &str) -> Option<&'a m
         "initialisation_scale_sigma" => &mut config.initialisation_scale_sigma,
         "longest_initialisation_s" => &mut config.longest_initialisation_s,
         "rest_motion_px" => &mut config.rest_motion_px,
+        "planes.sigma_m" => &mut config.planes.sigma_m,
+        "planes.weight" => &mut config.planes.weight,
+        "planes.attach_m" => &mut config.planes.theta_m,
+        "planes.theta_m" => &mut planes.fit.theta_m,
+        "planes.greatest_spread" => &mut planes.fit.greatest_spread,
+        "planes.least_width_m" => &mut planes.fit.least_width_m,
+        "planes.tilt_tolerance_rad" => &mut planes.fit.tilt_tolerance_rad,
+        "planes.match_distance_m" => &mut planes.associate.match_distance_m,
         _ => return None,
     })
 }
 
-fn fly_small(recording: &Recording, config: &Config, settings: EstimatorConfig<f32>) -> Result<(Trajectory, usize), Box<dyn Error>> {
+fn fly_small(
+    recording: &Recording,
+    config: &Config,
+    settings: EstimatorConfig<f32>,
+    planes: Option<planes::Settings>,
+) -> Result<(Trajectory, usize), Box<dyn Error>> {
     let rig = &recording.rig;
     let camera = small::camera(&rig.camera).ok_or("no pinhole camera")?;
     let n = &rig.imu_noise;
@@ -79,6 +103,7 @@ fn fly_small(recording: &Recording, config: &Config, settings: EstimatorConfig<f
     let settings = EstimatorConfig { imu_noise, ..settings };
     let mut estimator = Box::new(Micro::new(settings, CameraModel::PinholeRadTan(camera).cast(), rig.body_from_camera_as()));
     let mut pyramids = Box::new(MicroPyramids::new());
+    let mut planes = planes.map(Planes::new);
     let (mut poses, mut lost) = (Vec::new(), 0);
     for event in recording.events(config.dataset.images_ahead)? {
         match event {
@@ -93,8 +118,11 @@ fn fly_small(recording: &Recording, config: &Config, settings: EstimatorConfig<f
                     &ImageView::new(&pixels, small::SIZE_PX.0, small::SIZE_PX.1, small::SIZE_PX.0)?,
                     &mut pyramids,
                 )?;
-                let outcome = estimator.step(StepBudget::default());
+                let outcome = estimator.step(StepBudget::even());
                 lost += usize::from(outcome == FrameOutcome::Lost);
+                if let Some(planes) = &mut planes {
+                    let _ = planes.after_image(stamp, outcome, &mut estimator);
+                }
                 poses.extend(pose(&estimator, stamp));
             }
             Event::Tracks(_) => return Err("a recording of corners has no images".into()),

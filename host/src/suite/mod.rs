@@ -1,0 +1,36 @@
+//! Many recordings, several variants of the estimator, several runs of each: the table of a paper as one command.
+//!
+//! ```text
+//! suite.toml or a EuRoC folder ─▶ plan ─▶ prepare ─▶ pool ─▶ run ─▶ table ─▶ table.md, runs.csv, suite.json
+//!                                         (renders   (a few         │
+//!                                          once)     at a time)     └─ one JSON per run, found again by its key
+//! ```
+//!
+//! # Why runs
+//! The same recording and configuration give the same trajectory, bit for bit, so that one run says nothing of how much a figure
+//! hangs on decisions that could have fallen otherwise. The runs of a suite differ in their seed and in the magnitude of gravity, run
+//! `k` by `k` times 1e-9 m/s²: far below anything that means something, and enough to make rounding go other ways.
+
+mod fingerprint; // what determines a result, as a number
+mod median;
+mod outputs; // table.md, runs.csv, suite.json
+mod plan; // the file of a suite, or a folder of EuRoC
+mod pool; // runs at the same time
+mod prepare; // recordings that are there, with their truths
+mod published; // what others report
+mod run; // one run
+mod stored; // depth maps that several runs share
+mod table; // rows, columns, the best in bold
+mod tables; // the tables of a suite
+mod truths; // several truths of one recording
+mod variant;
+
+pub use outputs::write_outputs;
+pub use plan::{Plan, Sequence, Simulation, Source};
+pub use pool::{Outcome, Step, execute};
+pub use prepare::{PreparedSequence, prepare};
+pub use published::{EUROC, PAPER, Published, SYSTEMS, euroc_name};
+pub use run::{OtherAte, RelativeFigure, RunResult};
+pub use table::{Cell, Row, Style, Table};
+pub use tables::{Exceeding, Summary};
+pub use variant::Variant;

@@ -14,6 +14,8 @@ use serde::Deserialize;
 
 use crate::fault::{Fault, read_text};
 
+pub(crate) mod kalibr;
+
 /// One camera beside one inertial unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rig {
@@ -138,7 +140,20 @@ struct ImuYaml {
 /// # Errors
 /// When the file is absent or damaged, a key is missing, or its numbers describe no camera.
 pub fn read_camera(path: &Path) -> Result<CameraCalibration, Fault> {
-    let yaml: CameraYaml = parse(path)?;
+    camera_from(path, &read_text(path, SENSOR_REMEDY)?)
+}
+
+/// A camera from the text of its `sensor.yaml`.
+pub(crate) fn camera_from(path: &Path, text: &str) -> Result<CameraCalibration, Fault> {
+    let yaml: CameraYaml = parse(path, text)?;
+    let extrinsics = yaml.extrinsics.as_ref().map(|matrix| pose(path, "T_BS", &matrix.data)).transpose()?;
+    let camera = model(path, yaml, "distortion_coefficients")?;
+    let body_from_camera = extrinsics.ok_or_else(|| absent(path, "T_BS", "the 4x4 matrix that maps camera to body coordinates"))?;
+    Ok(CameraCalibration { camera, body_from_camera })
+}
+
+/// The camera's model out of the keys that ASL and Kalibr share.
+fn model(path: &Path, yaml: CameraYaml, coefficients_key: &str) -> Result<CameraModel<f64>, Fault> {
     let size = yaml.resolution.ok_or_else(|| absent(path, "resolution", "[width, height] in pixels"))?;
     let [width, height] = size[..] else { return Err(miscounted(path, "resolution", size.len(), 2)) };
     if width == 0 || height == 0 {
@@ -156,31 +171,30 @@ pub fn read_camera(path: &Path) -> Result<CameraCalibration, Fault> {
     }
     let coefficients = yaml
         .distortion_coefficients
-        .ok_or_else(|| absent(path, "distortion_coefficients", "[k1, k2, p1, p2], four zeros for images without distortion"))?;
+        .ok_or_else(|| absent(path, coefficients_key, "[k1, k2, p1, p2], four zeros for images without distortion"))?;
     let distortion: [f64; 4] = match coefficients[..] {
+        [] if yaml.distortion_model.as_deref() == Some("none") => [0.0; 4],
         [a, b, c, d] => [a, b, c, d],
         // OpenCV writes k3 as a fifth coefficient; the model here ends before it.
         [a, b, c, d, 0.0] => [a, b, c, d],
-        _ => return Err(miscounted(path, "distortion_coefficients", coefficients.len(), 4)),
+        _ => return Err(miscounted(path, coefficients_key, coefficients.len(), 4)),
     };
-    all_finite(path, "distortion_coefficients", &distortion)?;
+    all_finite(path, coefficients_key, &distortion)?;
     if let Some(model) = yaml.camera_model.as_deref().filter(|model| *model != "pinhole") {
         return Err(Fault::malformed(path, format!("camera_model `{model}` is not supported"), "use `pinhole` with a distortion_model"));
     }
     let model = yaml.distortion_model.ok_or_else(|| absent(path, "distortion_model", "`radial-tangential` or `equidistant`"))?;
     let (size_px, focal_px, center_px) = ((width, height), [fu, fv], [cu, cv]);
-    let camera = match model.as_str() {
+    match model.as_str() {
         "radial-tangential" | "radtan" | "plumb_bob" | "none" => {
-            CameraModel::PinholeRadTan(PinholeRadTan { size_px, focal_px, center_px, distortion })
+            Ok(CameraModel::PinholeRadTan(PinholeRadTan { size_px, focal_px, center_px, distortion }))
         }
-        "equidistant" | "fisheye" => CameraModel::KannalaBrandt(KannalaBrandt { size_px, focal_px, center_px, distortion }),
+        "equidistant" | "fisheye" => Ok(CameraModel::KannalaBrandt(KannalaBrandt { size_px, focal_px, center_px, distortion })),
         other => {
             let what = format!("distortion_model `{other}` is not supported");
-            return Err(Fault::malformed(path, what, "calibrate for `radial-tangential` or `equidistant`"));
+            Err(Fault::malformed(path, what, "calibrate for `radial-tangential` or `equidistant`"))
         }
-    };
-    let extrinsics = yaml.extrinsics.ok_or_else(|| absent(path, "T_BS", "the 4x4 matrix that maps camera to body coordinates"))?;
-    Ok(CameraCalibration { camera, body_from_camera: pose(path, &extrinsics.data)? })
+    }
 }
 
 /// Reads an inertial unit's `sensor.yaml`.
@@ -188,7 +202,18 @@ pub fn read_camera(path: &Path) -> Result<CameraCalibration, Fault> {
 /// # Errors
 /// When the file is absent or damaged, or a noise density is missing or not positive.
 pub fn read_imu(path: &Path) -> Result<ImuCalibration, Fault> {
-    let yaml: ImuYaml = parse(path)?;
+    imu_from(path, &read_text(path, SENSOR_REMEDY)?)
+}
+
+/// An inertial unit from the text of its `sensor.yaml`.
+pub(crate) fn imu_from(path: &Path, text: &str) -> Result<ImuCalibration, Fault> {
+    let yaml: ImuYaml = parse(path, text)?;
+    let noise = noise(path, &yaml)?;
+    let body_from_imu = yaml.extrinsics.map_or_else(|| Ok(Isometry3::identity()), |matrix| pose(path, "T_BS", &matrix.data))?;
+    Ok(ImuCalibration { noise, body_from_imu })
+}
+
+fn noise(path: &Path, yaml: &ImuYaml) -> Result<ImuNoise<f64>, Fault> {
     let density = |key: &str, value: Option<f64>, unit: &str| -> Result<f64, Fault> {
         let value = value.ok_or_else(|| absent(path, key, unit))?;
         if value.is_finite() && value > 0.0 {
@@ -196,14 +221,12 @@ pub fn read_imu(path: &Path) -> Result<ImuCalibration, Fault> {
         }
         Err(Fault::malformed(path, format!("{key} is {value}"), format!("give a positive number, {unit}")))
     };
-    let noise = ImuNoise {
+    Ok(ImuNoise {
         gyro_noise_density: density("gyroscope_noise_density", yaml.gyroscope_noise_density, "in rad/s/sqrt(Hz)")?,
         accel_noise_density: density("accelerometer_noise_density", yaml.accelerometer_noise_density, "in m/s^2/sqrt(Hz)")?,
         gyro_random_walk: density("gyroscope_random_walk", yaml.gyroscope_random_walk, "in rad/s^2/sqrt(Hz)")?,
         accel_random_walk: density("accelerometer_random_walk", yaml.accelerometer_random_walk, "in m/s^3/sqrt(Hz)")?,
-    };
-    let body_from_imu = yaml.extrinsics.map_or_else(|| Ok(Isometry3::identity()), |matrix| pose(path, &matrix.data))?;
-    Ok(ImuCalibration { noise, body_from_imu })
+    })
 }
 
 /// Reads `T_BS` of any `sensor.yaml`: the pose of the sensor on the body, the identity where it does not say.
@@ -211,12 +234,14 @@ pub fn read_imu(path: &Path) -> Result<ImuCalibration, Fault> {
 /// # Errors
 /// When the file is absent or damaged, or what it says is no rigid transform.
 pub fn read_extrinsics(path: &Path) -> Result<Isometry3<f64>, Fault> {
-    let yaml: ExtrinsicsYaml = parse(path)?;
-    yaml.extrinsics.map_or_else(|| Ok(Isometry3::identity()), |matrix| pose(path, &matrix.data))
+    let yaml: ExtrinsicsYaml = parse(path, &read_text(path, SENSOR_REMEDY)?)?;
+    yaml.extrinsics.map_or_else(|| Ok(Isometry3::identity()), |matrix| pose(path, "T_BS", &matrix.data))
 }
 
-fn parse<D: for<'de> Deserialize<'de>>(path: &Path) -> Result<D, Fault> {
-    let text = read_text(path, "every sensor folder needs its sensor.yaml: copy it from the original dataset or calibration")?;
+/// What to do where there is no calibration.
+pub(crate) const SENSOR_REMEDY: &str = "every sensor folder needs its sensor.yaml: copy it from the original dataset, or give Kalibr's camchain and imu yaml with --calibration";
+
+fn parse<D: for<'de> Deserialize<'de>>(path: &Path, text: &str) -> Result<D, Fault> {
     // OpenCV writes a `%YAML:1.0` line that no YAML standard knows, and tags of its own.
     let plain: String = text
         .lines()
@@ -226,7 +251,11 @@ fn parse<D: for<'de> Deserialize<'de>>(path: &Path) -> Result<D, Fault> {
     serde_saphyr::from_str(&plain).map_err(|error| {
         let line = error.location().map(|location| location.line());
         let reason = error.without_snippet().to_string().replace('\n', " ");
-        let mut fault = Fault::malformed(path, format!("is not a calibration ({reason})"), "compare it with a sensor.yaml of EuRoC");
+        let mut fault = Fault::malformed(
+            path,
+            format!("is not a calibration ({reason})"),
+            "compare it with a sensor.yaml of EuRoC or with Kalibr's wiki",
+        );
         fault.line = line;
         fault
     })
@@ -248,22 +277,27 @@ fn all_finite(path: &Path, key: &str, values: &[f64]) -> Result<(), Fault> {
 }
 
 /// A rigid transform from sixteen numbers, row by row.
-fn pose(path: &Path, data: &[f64]) -> Result<Isometry3<f64>, Fault> {
-    if data.len() != 16 {
-        return Err(miscounted(path, "T_BS", data.len(), 16));
+fn pose(path: &Path, key: &str, data: &[f64]) -> Result<Isometry3<f64>, Fault> {
+    all_finite(path, key, data)?;
+    let &[a, b, c, x, d, e, f, y, g, h, i, z, ref last @ ..] = data else { return Err(miscounted(path, key, data.len(), 16)) };
+    if last.len() != 4 {
+        return Err(miscounted(path, key, data.len(), 16));
     }
-    all_finite(path, "T_BS", data)?;
-    let [a, b, c, x, d, e, f, y, g, h, i, z, last @ ..] = data else { return Err(miscounted(path, "T_BS", data.len(), 16)) };
-    let rotation = Matrix3::new(*a, *b, *c, *d, *e, *f, *g, *h, *i);
+    let rotation = Matrix3::new(a, b, c, d, e, f, g, h, i);
     let bent = (rotation * rotation.transpose() - Matrix3::identity()).amax();
     if bent > 1e-3 || rotation.determinant() < 0.0 || last != [0.0, 0.0, 0.0, 1.0] {
-        let what = "T_BS is not a rigid transform (rotation not orthonormal, mirrored, or last row not 0 0 0 1)";
-        return Err(Fault::malformed(path, what, "write it row by row, rotation and translation in metres, mapping sensor to body"));
+        let what = format!("{key} is not a rigid transform (rotation not orthonormal, mirrored, or last row not 0 0 0 1)");
+        let remedy = match key {
+            "T_BS" => "write it row by row, rotation and translation in metres, mapping sensor to body",
+            _ => "write it row by row, rotation and translation in metres",
+        };
+        return Err(Fault::malformed(path, what, remedy));
     }
-    if x.hypot(*y).hypot(*z) > 20.0 {
-        return Err(Fault::malformed(path, format!("T_BS puts the sensor {:.0} m from the body", x.hypot(*y).hypot(*z)), "give metres"));
+    let far_m = x.hypot(y).hypot(z);
+    if far_m > 20.0 {
+        return Err(Fault::malformed(path, format!("{key} puts the sensor {far_m:.0} m from the body"), "give metres"));
     }
-    Ok(rigid(&rotation, [*x, *y, *z]))
+    Ok(rigid(&rotation, [x, y, z]))
 }
 
 fn rigid(rotation: &Matrix3<f64>, [x, y, z]: [f64; 3]) -> Isometry3<f64> {

@@ -88,6 +88,14 @@ pub(crate) fn read_text(path: &Path, remedy: &str) -> Result<String, Fault> {
         std::io::ErrorKind::NotFound => Fault::missing(path, "there is no such file", remedy),
         _ => Fault::malformed(path, format!("cannot be read ({error})"), "check its permissions and the disk"),
     })?;
+    text_of(path, bytes)
+}
+
+/// The text that bytes are.
+///
+/// # Errors
+/// When they are no UTF-8 text.
+pub(crate) fn text_of(path: &Path, bytes: Vec<u8>) -> Result<String, Fault> {
     String::from_utf8(bytes).map_err(|error| {
         let valid = error.utf8_error().valid_up_to();
         let line = 1 + error.as_bytes().iter().take(valid).filter(|byte| **byte == b'\n').count() as u64;

@@ -7,12 +7,13 @@ use libella_host::config::Config;
 use libella_host::dataset;
 use libella_host::fault::Fault;
 
+use super::input::Input;
 use super::{Exit, say};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Folder of the recording: EuRoC/ASL (`mav0` or its parent), or corners (`tracks_cam0.csv` and `imu0.csv`).
-    dataset: PathBuf,
+    #[command(flatten)]
+    input: Input,
     /// Configuration file, for the magnitude of gravity; `libella config` prints one to start from.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -26,7 +27,7 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let config = arguments.config.as_deref().map_or_else(|| Ok(Config::default()), Config::read)?;
-    let recording = dataset::open_to_check(&arguments.dataset, &config.dataset)?;
+    let recording = dataset::open_to_check_with(&arguments.input.dataset, &config.dataset, &arguments.input.hints())?;
     let options =
         CheckOptions { images: arguments.images, images_ahead: config.dataset.images_ahead, gravity_m_s2: config.estimator.gravity_m_s2 };
     let report = check(&recording, &options)?;

@@ -5,6 +5,7 @@ mod config;
 mod demo;
 mod depth;
 mod evaluate;
+mod input;
 mod report;
 mod rooms;
 mod run;

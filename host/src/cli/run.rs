@@ -15,12 +15,13 @@ use libella_host::pipeline::{self, DepthFigures, Ended, Figure, Report, Run, Wat
 use libella_host::planes;
 use libella_host::report::{self, Snapshots};
 
+use super::input::Input;
 use super::{Exit, say, smooth};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Folder of the recording: EuRoC/ASL (`mav0` or its parent), or corners (`tracks_cam0.csv` and `imu0.csv`).
-    dataset: PathBuf,
+    #[command(flatten)]
+    input: Input,
     /// Configuration file; `libella config` prints one to start from.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -90,7 +91,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     config.depth.source = arguments.depth.clone().unwrap_or(config.depth.source);
     config.depth.rate_hz = arguments.depth_rate.unwrap_or(config.depth.rate_hz);
     config.check()?;
-    let recording = dataset::open(&arguments.dataset, &config.dataset)?;
+    let recording = dataset::open_with(&arguments.input.dataset, &config.dataset, &arguments.input.hints())?;
     let network = network(arguments, &config, &recording)?;
     let folder = arguments.out.clone().unwrap_or_else(|| Path::new("out").join(&recording.name));
     if !arguments.quiet {
@@ -146,7 +147,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     }
     let done = exit(&run, &figures);
     if matches!(done, Exit::NoResult) {
-        eprintln!("libella: `libella check {}` looks for the cause", arguments.dataset.display());
+        eprintln!("libella: `libella check {}` looks for the cause", arguments.input.dataset.display());
     }
     if !(arguments.smooth && matches!(done, Exit::Done)) {
         return Ok(done);
@@ -163,7 +164,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
 /// What gives depth, ready for the images of the recording.
 fn network(arguments: &Arguments, config: &Config, recording: &Recording) -> Result<Option<Box<dyn DepthNetwork>>, Fault> {
     let Ok(choice) = config.depth.source.parse::<ModelChoice>();
-    let network = choice.open(&recording.rig.camera, Some(&arguments.dataset))?;
+    let network = choice.open(&recording.rig.camera, Some(&arguments.input.dataset))?;
     match (network, arguments.spoil_depth) {
         (network, None) => Ok(network),
         (Some(network), Some(spoil)) => Ok(Some(Box::new(Spoiled::new(network, spoil, config.seed)))),

@@ -36,7 +36,9 @@ pub(super) fn open(purpose: Purpose, path: &Path, options: &DatasetSection) -> R
         rig.imu_noise = inertial.noise;
         rig.body_from_camera = inertial.body_from_imu.inverse() * rig.body_from_camera;
     }
-    let samples = imu::read(purpose, &path.join("imu0.csv"), options, &mut remarks)?;
+    let table = path.join("imu0.csv");
+    let text = read_text(&table, "a recording needs its inertial samples: copy the folder again, whole")?;
+    let samples = imu::read(purpose, &table, &text, options, &mut remarks)?;
     let frames = read_tracks(&path.join("tracks_cam0.csv"), options.reacquired_corner_is_new)?;
     let pnp = path.join("pnp_cam0_in_target.csv");
     let truth = if pnp.is_file() { Some(Trajectory::read(&pnp)?.attached(&rig.body_from_camera.inverse())) } else { None };

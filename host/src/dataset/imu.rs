@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use libella_core::imu::ImuSample;
+use libella_core::time::Timestamp;
 use nalgebra::Vector3;
 
 use super::table::rows;
 use super::{Purpose, Remark, RemarkKind, remark};
 use crate::config::DatasetSection;
-use crate::fault::{Fault, read_text};
+use crate::fault::Fault;
 
 /// The smallest full scale of inertial units in use: 200 deg/s and 2 g; a constant below it is rest, not saturation.
 const SMALLEST_FULL_SCALE: [f64; 2] = [3.4, 19.0];
@@ -21,38 +22,64 @@ const GRAVITY_SAMPLES: usize = 200;
 pub(super) fn read(
     purpose: Purpose,
     path: &Path,
+    text: &str,
     options: &DatasetSection,
     remarks: &mut Vec<Remark>,
 ) -> Result<Vec<ImuSample<f64>>, Fault> {
-    let text = read_text(path, "a recording needs its inertial samples: copy the folder again, whole")?;
     let mut samples: Vec<ImuSample<f64>> = Vec::new();
-    for row in rows(path, &text, true) {
+    for row in rows(path, text, true) {
         row.at_least(7)?;
         let stamp = row.stamp()?;
         if let Some(last) = samples.last() {
-            let step_ms = (stamp - last.stamp).as_seconds::<f64>() * 1e3;
             if stamp < last.stamp && purpose == Purpose::Check {
                 remark(remarks, RemarkKind::ImuOrder, || format!("{} line {}: time stamp goes back", path.display(), row.line));
                 continue;
             }
             if stamp < last.stamp {
-                return Err(row.fault(format!("time stamp goes back by {:.3} ms", -step_ms), "sort the file by its first column"));
+                let back_ms = (last.stamp - stamp).as_seconds::<f64>() * 1e3;
+                return Err(row.fault(format!("time stamp goes back by {back_ms:.3} ms"), "sort the file by its first column"));
             }
-            if stamp == last.stamp {
-                remark(remarks, RemarkKind::ImuDuplicate, || {
-                    format!("{} line {}: time stamp occurs twice; the second sample is left out", path.display(), row.line)
-                });
+            if !follows(last.stamp, stamp, options, remarks, || format!("{} line {}", path.display(), row.line)) {
                 continue;
-            }
-            if step_ms > options.max_imu_gap_ms {
-                remark(remarks, RemarkKind::ImuGap, || {
-                    format!("{} line {}: no inertial sample for {step_ms:.0} ms; accuracy suffers there", path.display(), row.line)
-                });
             }
         }
         let [gx, gy, gz, ax, ay, az] = row.numbers::<6>(1)?;
         samples.push(ImuSample { stamp, gyro_rad_s: Vector3::new(gx, gy, gz), accel_m_s2: Vector3::new(ax, ay, az) });
     }
+    checked(purpose, path, samples, remarks)
+}
+
+/// Takes the samples of a bag, which do not fall in time, as a table.
+pub(super) fn take(
+    purpose: Purpose,
+    path: &Path,
+    mut samples: Vec<ImuSample<f64>>,
+    options: &DatasetSection,
+    remarks: &mut Vec<Remark>,
+) -> Result<Vec<ImuSample<f64>>, Fault> {
+    let mut last = None;
+    samples.retain(|sample| {
+        let keep =
+            last.is_none_or(|last| follows(last, sample.stamp, options, remarks, || format!("{} at {}", path.display(), sample.stamp)));
+        last = Some(sample.stamp);
+        keep
+    });
+    checked(purpose, path, samples, remarks)
+}
+
+/// Whether a sample is another one than the last; remarks repetitions and gaps.
+fn follows(last: Timestamp, stamp: Timestamp, options: &DatasetSection, remarks: &mut Vec<Remark>, place: impl Fn() -> String) -> bool {
+    let step_ms = (stamp - last).as_seconds::<f64>() * 1e3;
+    if stamp == last {
+        remark(remarks, RemarkKind::ImuDuplicate, || format!("{}: time stamp occurs twice; the second sample is left out", place()));
+    } else if step_ms > options.max_imu_gap_ms {
+        remark(remarks, RemarkKind::ImuGap, || format!("{}: no inertial sample for {step_ms:.0} ms; accuracy suffers there", place()));
+    }
+    stamp != last
+}
+
+/// Refuses samples that cannot be those of an inertial unit.
+fn checked(purpose: Purpose, path: &Path, samples: Vec<ImuSample<f64>>, remarks: &mut Vec<Remark>) -> Result<Vec<ImuSample<f64>>, Fault> {
     if samples.len() < 2 {
         return Err(Fault::malformed(path, format!("has {} inertial samples", samples.len()), "the file is cut off: copy it again"));
     }

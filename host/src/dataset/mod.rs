@@ -1,18 +1,28 @@
 //! Recordings on disk as one time-ordered stream of events.
 //!
-//! A folder is recognised by what it holds: `mav0` (or its content) is EuRoC/ASL, `tracks_cam0.csv` beside
-//! `imu0.csv` is a recording of corners. Files are checked whole before the first event; pixels are read late,
-//! by a thread that runs a few images ahead.
+//! A recording is recognised by what it holds. Folders: `mav0` (or its content) is EuRoC/ASL and TUM-VI, `cam0` beside `imu0.csv` is
+//! Kalibr's, `tracks_cam0.csv` beside `imu0.csv` is a recording of corners, `metadata.yaml` beside MCAP files is a ROS 2 bag. Files, told
+//! by their first bytes: zip archives of such folders, ROS 1 bags, MCAP. Everything but pixels is read and checked before the first
+//! event; pixels are read late, by a thread that runs a few images ahead, so that never more than a few are in memory.
 
+mod archive;
 mod corners;
 mod decode;
 mod euroc;
+mod files;
+mod frames;
+mod hints;
 mod imu;
+mod log;
+mod rig;
 pub(crate) mod table;
 
 pub use decode::{Decoded, GrayImage};
+pub use frames::{Frames, ImageFile, ImageReader, ImageSource, ImageStore, LiveImages, PackedImage, PackedImages, Place};
+pub use hints::Hints;
 
-use std::path::{Path, PathBuf};
+use std::io::Read as _;
+use std::path::Path;
 use std::sync::mpsc::Receiver;
 
 use libella_core::imu::ImuSample;
@@ -48,90 +58,20 @@ pub struct Recording {
     pub remarks: Vec<Remark>,
 }
 
-/// The layout of a folder.
+/// The layout of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
-    /// EuRoC/ASL with images.
+    /// EuRoC/ASL with images, in a folder or an archive; TUM-VI and Kalibr's folders of images as well.
     Euroc,
+    /// A ROS 1 bag.
+    Bag,
+    /// MCAP, as ROS 2 records it.
+    Mcap,
     /// Corners of a calibration target, found beforehand.
     Corners,
     /// No folder: made by the program.
     Simulated,
-}
-
-/// What the camera gave.
-#[derive(Debug)]
-pub enum Frames {
-    /// Image files, not yet read.
-    Images(Vec<ImageFile>),
-    /// Images that are made when they are asked for.
-    Live(LiveImages),
-    /// Corners found by somebody else.
-    Tracks(Vec<TrackFrame>),
-}
-
-/// Images that are made when they are asked for.
-#[derive(Debug)]
-pub struct LiveImages {
-    /// When they are taken.
-    pub stamps: Vec<Timestamp>,
-    /// Who makes them.
-    pub source: Box<dyn ImageSource>,
-}
-
-/// Makes images.
-pub trait ImageSource: std::fmt::Debug + Send + Sync {
-    /// Starts from the first image; at most `ahead` are made before they are asked for.
-    ///
-    /// # Errors
-    /// When nothing can be made.
-    fn start(&self, ahead: usize) -> Result<Receiver<Decoded>, Fault>;
-}
-
-impl Frames {
-    /// Number of frames.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        match self {
-            Self::Images(images) => images.len(),
-            Self::Live(live) => live.stamps.len(),
-            Self::Tracks(frames) => frames.len(),
-        }
-    }
-
-    /// Whether there is none.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// Time of a frame.
-    #[must_use]
-    pub fn stamp(&self, index: usize) -> Option<Timestamp> {
-        match self {
-            Self::Images(images) => images.get(index).map(|image| image.stamp),
-            Self::Live(live) => live.stamps.get(index).copied(),
-            Self::Tracks(frames) => frames.get(index).map(|frame| frame.stamp),
-        }
-    }
-
-    fn retain(&mut self, keep: impl Fn(Timestamp) -> bool) {
-        match self {
-            Self::Images(images) => images.retain(|image| keep(image.stamp)),
-            Self::Live(live) => live.stamps.retain(|stamp| keep(*stamp)),
-            Self::Tracks(frames) => frames.retain(|frame| keep(frame.stamp)),
-        }
-    }
-}
-
-/// An image file and its time.
-#[derive(Debug, Clone)]
-pub struct ImageFile {
-    /// When it was taken.
-    pub stamp: Timestamp,
-    /// Where it lies.
-    pub path: PathBuf,
 }
 
 /// The corners of one image.
@@ -221,27 +161,51 @@ pub(crate) enum Purpose {
 /// Opens a recording and checks all of its tables.
 ///
 /// # Errors
-/// When the folder is no recording, or one of its files is absent, damaged, out of order, or not finite.
+/// When it is no recording, or one of its parts is absent, damaged, out of order, or not finite.
 pub fn open(path: &Path, options: &DatasetSection) -> Result<Recording, Fault> {
-    open_for(Purpose::Run, path, options)
+    open_with(path, options, &Hints::default())
+}
+
+/// The same, with calibration, truth or topics that are told.
+///
+/// # Errors
+/// As [`open`]; and when a hint names what is not there.
+pub fn open_with(path: &Path, options: &DatasetSection, hints: &Hints) -> Result<Recording, Fault> {
+    open_for(Purpose::Run, path, options, hints)
 }
 
 /// Opens a recording to find out what is wrong with it: units, sizes, clocks and order that [`open`] refuses are left as they are.
 /// Frames may lie outside of the inertial samples.
 ///
 /// # Errors
-/// When the folder is no recording, or one of its files is absent, damaged, or not finite.
+/// When it is no recording, or one of its parts is absent, damaged, or not finite.
 pub fn open_to_check(path: &Path, options: &DatasetSection) -> Result<Recording, Fault> {
-    open_for(Purpose::Check, path, options)
+    open_to_check_with(path, options, &Hints::default())
 }
 
-fn open_for(purpose: Purpose, path: &Path, options: &DatasetSection) -> Result<Recording, Fault> {
-    if !path.is_dir() {
-        let what = if path.exists() { "is not a folder" } else { "there is no such folder" };
-        return Err(Fault::missing(path, what, "give the folder of a recording, for EuRoC the one that holds `mav0`"));
+/// The same, with calibration, truth or topics that are told.
+///
+/// # Errors
+/// As [`open_to_check`]; and when a hint names what is not there.
+pub fn open_to_check_with(path: &Path, options: &DatasetSection, hints: &Hints) -> Result<Recording, Fault> {
+    open_for(Purpose::Check, path, options, hints)
+}
+
+fn open_for(purpose: Purpose, path: &Path, options: &DatasetSection, hints: &Hints) -> Result<Recording, Fault> {
+    let what_it_is = recognise(path)?;
+    if !matches!(what_it_is, Kind::Bag | Kind::Mcap) {
+        hints.refuse_topics(path)?;
     }
-    let mut recording =
-        if path.join("tracks_cam0.csv").is_file() { corners::open(purpose, path, options)? } else { euroc::open(purpose, path, options)? };
+    let mut recording = match what_it_is {
+        Kind::Folder => euroc::open(purpose, path, files::Files::Folder(path.to_path_buf()), options, hints)?,
+        Kind::Zip => euroc::open(purpose, path, files::Files::Archive(archive::Archive::open(path)?), options, hints)?,
+        Kind::Corners => corners::open(purpose, path, options)?,
+        Kind::Bag => log::open(purpose, path, Layout::Bag, options, hints)?,
+        Kind::Mcap => log::open(purpose, path, Layout::Mcap, options, hints)?,
+    };
+    if let Some(truth) = hints.truth()? {
+        (recording.truth, recording.truth_is_level) = (Some(truth), false);
+    }
     keep_frames_with_imu(purpose, &mut recording, path)?;
     report_image_gaps(&mut recording, path, options);
     if recording.truth.is_none() {
@@ -250,6 +214,49 @@ fn open_for(purpose: Purpose, path: &Path, options: &DatasetSection) -> Result<R
         });
     }
     Ok(recording)
+}
+
+/// What a path turned out to be.
+enum Kind {
+    Folder,
+    Corners,
+    Zip,
+    Bag,
+    Mcap,
+}
+
+fn recognise(path: &Path) -> Result<Kind, Fault> {
+    const FORMATS: &str =
+        "give the folder of a recording (for EuRoC the one that holds `mav0`), its zip archive, a ROS 1 bag, or an MCAP file";
+    if path.is_dir() {
+        let is_ros2_bag = path.join("metadata.yaml").is_file() && !path.join("cam0").is_dir() && !path.join("mav0").is_dir();
+        return Ok(match () {
+            () if path.join("tracks_cam0.csv").is_file() => Kind::Corners,
+            () if is_ros2_bag => Kind::Mcap,
+            () => Kind::Folder,
+        });
+    }
+    let unreadable = |error: std::io::Error| match error.kind() {
+        std::io::ErrorKind::NotFound => Fault::missing(path, "there is no such folder or file", FORMATS),
+        _ => Fault::malformed(path, format!("cannot be read ({error})"), "check its permissions and the disk"),
+    };
+    let mut head = Vec::new();
+    std::fs::File::open(path).and_then(|file| file.take(16).read_to_end(&mut head)).map_err(unreadable)?;
+    match head.as_slice() {
+        [b'P', b'K', 3, 4, ..] => Ok(Kind::Zip),
+        [b'P', b'K', 5, 6, ..] => Err(Fault::malformed(path, "is an empty archive", "copy it again")),
+        head if head.starts_with(b"#ROSBAG V2.0") => Ok(Kind::Bag),
+        head if head.starts_with(b"#ROSBAG") => {
+            Err(Fault::malformed(path, "is a bag of another version than 2.0", "convert it with `rosbag fix` or record again"))
+        }
+        head if head.starts_with(b"\x89MCAP0\r\n") => Ok(Kind::Mcap),
+        head if head.starts_with(b"SQLite format 3") => {
+            Err(Fault::malformed(path, "is a ROS 2 bag stored by sqlite3", "convert it to MCAP with `ros2 bag convert`"))
+        }
+        [0x28, 0xb5, 0x2f, 0xfd, ..] | [0x1f, 0x8b, ..] => Err(Fault::malformed(path, "is compressed as a whole", "unpack it first")),
+        head if head.len() < 16 => Err(Fault::malformed(path, format!("is cut off: it has {} bytes", head.len()), "copy it again")),
+        _ => Err(Fault::malformed(path, "is neither a zip archive nor a ROS 1 bag nor MCAP", FORMATS)),
+    }
 }
 
 fn keep_frames_with_imu(purpose: Purpose, recording: &mut Recording, path: &Path) -> Result<(), Fault> {
@@ -295,6 +302,7 @@ impl Recording {
     pub fn events(&self, ahead: usize) -> Result<Events<'_>, Fault> {
         let decoded = match &self.frames {
             Frames::Images(images) => Some(decode::start(images.clone(), ahead)?),
+            Frames::Packed(packed) => Some(decode::start_packed(packed.store.reader()?, packed.images.clone(), ahead)?),
             Frames::Live(live) => Some(live.source.start(ahead)?),
             Frames::Tracks(_) => None,
         };
@@ -308,6 +316,10 @@ impl Recording {
     pub(crate) fn images(&self, wanted: &[usize], ahead: usize) -> Result<impl Iterator<Item = Decoded>, Fault> {
         let decoded = match &self.frames {
             Frames::Images(images) => Some(decode::start(wanted.iter().filter_map(|index| images.get(*index).cloned()).collect(), ahead)?),
+            Frames::Packed(packed) => {
+                let images = wanted.iter().filter_map(|index| packed.images.get(*index).copied()).collect();
+                Some(decode::start_packed(packed.store.reader()?, images, ahead)?)
+            }
             Frames::Live(live) => Some(live.source.start(ahead)?),
             Frames::Tracks(_) => None,
         };

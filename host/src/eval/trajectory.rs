@@ -42,15 +42,15 @@ impl Trajectory {
     /// # Errors
     /// When it is absent, cut off, out of order, or holds something that is no pose.
     pub fn read(path: &Path) -> Result<Self, Fault> {
-        Self::read_counting(path).map(|(trajectory, _)| trajectory)
+        let text = read_text(path, "give a trajectory in the TUM or EuRoC format")?;
+        Self::parse_counting(path, &text).map(|(trajectory, _)| trajectory)
     }
 
-    /// The same, with the lines whose stamp repeats that of the line before; those poses are left out.
-    pub(crate) fn read_counting(path: &Path) -> Result<(Self, Vec<u64>), Fault> {
-        let text = read_text(path, "give a trajectory in the TUM or EuRoC format")?;
-        let is_euroc = has_commas(&text);
+    /// The same of a text, with the lines whose stamp repeats that of the line before; those poses are left out.
+    pub(crate) fn parse_counting(path: &Path, text: &str) -> Result<(Self, Vec<u64>), Fault> {
+        let is_euroc = has_commas(text);
         let (mut poses, mut duplicates): (Vec<StampedPose>, Vec<u64>) = (Vec::new(), Vec::new());
-        for row in rows(path, &text, is_euroc) {
+        for row in rows(path, text, is_euroc) {
             let pose = read_pose(&row, is_euroc)?;
             match poses.last().map(|last| pose.stamp - last.stamp) {
                 Some(step) if step < Span::default() => {

@@ -373,7 +373,7 @@ pub fn prepare_outputs(folder: &Path) -> Result<(), Fault> {
     write(&folder.join("report.json"), "{}\n")
 }
 
-/// Writes `trajectory.tum`, `trajectory.csv`, `report.json` and, in a run with depth, `depth_scale.csv` into a folder, which is made if
+/// Writes `trajectory.tum`, `trajectory.csv`, `trajectory.kitti`, `report.json` and, in a run with depth, `depth_scale.csv` into a folder, which is made if
 /// it is not there.
 ///
 /// # Errors
@@ -384,6 +384,7 @@ pub fn write_outputs(folder: &Path, run: &Run, report: &Report) -> Result<(), Fa
         .map_err(|error| Fault::new(FaultKind::Output, format!("the report cannot be written ({error})"), "report this as an error"))?;
     write(&folder.join("trajectory.tum"), &tum(run.poses()))?;
     write(&folder.join("trajectory.csv"), &euroc(run.poses()))?;
+    write(&folder.join("trajectory.kitti"), &kitti(run.poses()))?;
     if run.depth_source.is_some() {
         write(&folder.join("depth_scale.csv"), &depth_scale(run))?;
     }
@@ -433,6 +434,18 @@ fn tum<'a>(poses: impl Iterator<Item = &'a PoseResult>) -> String {
     text
 }
 
+/// The upper three rows of `world_from_body`, row by row. KITTI's poses have no time and no comments.
+fn kitti<'a>(poses: impl Iterator<Item = &'a PoseResult>) -> String {
+    let mut text = String::new();
+    for pose in poses {
+        let matrix = pose.world_from_body.to_homogeneous();
+        let upper = matrix.fixed_rows::<3>(0).transpose();
+        let values: Vec<String> = upper.iter().map(|value| format!("{value:.9}")).collect();
+        let _ = writeln!(text, "{}", values.join(" "));
+    }
+    text
+}
+
 /// One row an image that was to have a map. Nothing in it hangs on how long anything took.
 fn depth_scale(run: &Run) -> String {
     let mut text = String::from("#timestamp [ns], scale [], sigma_log_scale [], landmarks_given [], verdict\n");
@@ -474,10 +487,33 @@ fn euroc<'a>(poses: impl Iterator<Item = &'a PoseResult>) -> String {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use libella_core::estimator::Waiting;
 
     use super::*;
+
+    /// A turn by 90 degrees about z: x becomes y.
+    #[test]
+    fn kitti_has_the_rows_of_the_pose_that_tum_has_as_a_quaternion() {
+        let turn = nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
+        let pose = PoseResult {
+            stamp: Timestamp::from_nanos(1_500_000_000),
+            world_from_body: nalgebra::Isometry3::from_parts(nalgebra::Translation3::new(1.0, 2.0, 3.0), turn),
+            velocity_in_world: nalgebra::Vector3::zeros(),
+            gyro_bias_rad_s: nalgebra::Vector3::zeros(),
+            accel_bias_m_s2: nalgebra::Vector3::zeros(),
+            pose_covariance: nalgebra::SMatrix::identity(),
+        };
+        let text = kitti([&pose, &pose].into_iter());
+        let numbers: Vec<f64> = text.lines().next().unwrap().split(' ').map(|value| value.parse().unwrap()).collect();
+        assert_eq!(numbers, [0.0, -1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 1.0, 3.0]);
+        assert_eq!(text.lines().count(), 2);
+        assert_eq!(
+            tum([&pose].into_iter()).lines().nth(1).unwrap(),
+            "1.500000000 1.000000000 2.000000000 3.000000000 0.000000000 0.000000000 0.707106781 0.707106781"
+        );
+    }
 
     #[test]
     fn outcomes_have_plain_names() {

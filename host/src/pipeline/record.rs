@@ -504,6 +504,7 @@ mod tests {
             gyro_bias_rad_s: nalgebra::Vector3::zeros(),
             accel_bias_m_s2: nalgebra::Vector3::zeros(),
             pose_covariance: nalgebra::SMatrix::identity(),
+            bias_sigma: None,
         };
         let text = kitti([&pose, &pose].into_iter());
         let numbers: Vec<f64> = text.lines().next().unwrap().split(' ').map(|value| value.parse().unwrap()).collect();

@@ -40,12 +40,13 @@ static uint32_t bits(float value) {
 
 /* Little-endian machines only: the numbers are read as they lie in the file. */
 int main(int count, char **arguments) {
-  FILE *file = count == 2 ? fopen(arguments[1], "rb") : NULL;
+  FILE *file = count >= 2 ? fopen(arguments[1], "rb") : NULL;
+  int with_planes = count == 3 && strcmp(arguments[2], "planes") == 0;
   char magic[8];
   uint32_t counts[7]; /* samples, images, depth maps, width, height, columns and rows of a depth map */
   float numbers[19];
   if (!file) {
-    fprintf(stderr, "usage: flight RECORDING\n");
+    fprintf(stderr, "usage: flight RECORDING [planes]\n");
     return 1;
   }
   must_read(magic, sizeof magic, file);
@@ -66,6 +67,7 @@ int main(int count, char **arguments) {
   memcpy(config.camera_in_body_m, numbers + 12, sizeof config.camera_in_body_m);
   config.gyro_noise_density = numbers[15];
   config.accel_noise_density = numbers[16];
+  config.planes_every = with_planes ? 10 : 0;
   config.gyro_random_walk = numbers[17];
   config.accel_random_walk = numbers[18];
 
@@ -101,12 +103,24 @@ int main(int count, char **arguments) {
            bits(p[1]), bits(p[2]), bits(q[1]), bits(q[2]), bits(q[3]), bits(q[0]));
   }
 
+  LibellaPlane planes[4];
+  size_t found;
+  must(libella_planes(estimator, planes, 4, &found), "planes");
+  for (size_t i = 0; i < found && i < 4; i++)
+    fprintf(stderr, "plane %u, class %u, %u corners, offset %.3f m\n", (unsigned)planes[i].id, (unsigned)planes[i].class_,
+            (unsigned)planes[i].corner_count, (double)planes[i].offset_m);
+  if ((found > 0) != with_planes) {
+    fprintf(stderr, "%zu planes\n", found);
+    return 1;
+  }
+
   /* What is wrong is refused with a reason, and changes nothing. */
   float nothing[3] = {0, 0, 0};
   LibellaHealth before, after;
   must(libella_health(estimator, &before), "health");
   int refused = libella_push_imu(estimator, 0, nothing, nothing) == LIBELLA_STATUS_STALE &&
                 libella_push_imu(NULL, 0, nothing, nothing) == LIBELLA_STATUS_NULL &&
+                libella_planes(estimator, planes, 4, NULL) == LIBELLA_STATUS_NULL &&
                 libella_push_image(estimator, 0, pixels, WIDTH, HEIGHT, WIDTH - 1) == LIBELLA_STATUS_BAD_IMAGE &&
                 libella_push_image(estimator, 0, pixels, WIDTH - 1, HEIGHT, WIDTH) == LIBELLA_STATUS_BAD_IMAGE &&
                 libella_init(memory, 100, &config, &estimator) == LIBELLA_STATUS_MEMORY_TOO_SMALL &&

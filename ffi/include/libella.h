@@ -6,6 +6,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+// Corners of a plane's polygon at most.
+#define LIBELLA_PLANE_CORNERS 12
+
 // What became of a call.
 typedef enum LibellaStatus {
   // Done.
@@ -64,7 +67,23 @@ typedef enum LibellaOutcome {
   LIBELLA_OUTCOME_LOST = 11,
   // Something newer than this header.
   LIBELLA_OUTCOME_OTHER = 12,
+  // Not initialised yet: the start in motion is computed, a piece with each image.
+  LIBELLA_OUTCOME_COMPUTES_ITS_START = 13,
 } LibellaOutcome;
+
+// What a plane is in a room.
+typedef enum LibellaPlaneClass {
+  // The lowest horizontal plane, and what is level with it.
+  LIBELLA_PLANE_CLASS_FLOOR = 0,
+  // Horizontal, high above the floor.
+  LIBELLA_PLANE_CLASS_CEILING = 1,
+  // Vertical.
+  LIBELLA_PLANE_CLASS_WALL = 2,
+  // Horizontal, as high above the floor as a table.
+  LIBELLA_PLANE_CLASS_TABLE = 3,
+  // Horizontal, none of these.
+  LIBELLA_PLANE_CLASS_OTHER_PLANE = 4,
+} LibellaPlaneClass;
 
 // How the estimator is.
 typedef enum LibellaHealth {
@@ -80,7 +99,7 @@ typedef enum LibellaHealth {
 
 // Capacities of an estimator, see `libella_size`.
 typedef enum LibellaProfile {
-  // Microcontroller: images of 160 x 120 px, 6 frames, 56 landmarks.
+  // Microcontroller: images of 160 x 120 px, 6 frames, 54 landmarks.
   LIBELLA_PROFILE_MICRO = 0,
   // Telephone: images up to 640 x 480 px, 8 frames, 150 landmarks.
   LIBELLA_PROFILE_MOBILE = 1,
@@ -133,6 +152,8 @@ typedef struct LibellaConfig {
   float sigma_px;
   // An image becomes a keyframe when its corners have moved this far since the last one, rotation apart, px.
   float keyframe_parallax_px;
+  // Images from one search for planes to the next, 30 is usual; landmarks are drawn to what is found. 0 seeks none.
+  uint32_t planes_every;
 } LibellaConfig;
 
 // A corner in an image.
@@ -162,6 +183,28 @@ typedef struct LibellaPose {
   // Standard deviations of rotation (rad, body axes) and position (m, world axes).
   float sigma[6];
 } LibellaPose;
+
+// A plane of the room: `normal . x + offset_m = 0`.
+typedef struct LibellaPlane {
+  // Its name, as long as it is known; a later plane never has it.
+  uint32_t id;
+  // What it is.
+  enum LibellaPlaneClass class_;
+  // Unit normal in world.
+  float normal_in_world[3];
+  // Distance of the world's origin, with the sign of the side, m.
+  float offset_m;
+  // Landmarks that spoke for it when it was last found.
+  uint32_t support;
+  // Corners of its polygon that are filled in.
+  uint32_t corner_count;
+  // The polygon in world, m.
+  float corners_in_world_m[LIBELLA_PLANE_CORNERS][3];
+  // When it was first found, ns.
+  int64_t first_seen_ns;
+  // When it was last found, ns.
+  int64_t last_seen_ns;
+} LibellaPlane;
 
 #ifdef __cplusplus
 extern "C" {
@@ -216,6 +259,7 @@ enum LibellaStatus libella_push_tracks(struct Libella *handle,
                                        size_t count);
 
 // Works on the newest image, with at most `iterations` of the solver (4 is usual), and tells what became of it.
+// A start in motion is spread over three to nine images, so that none takes much longer than one in flight.
 //
 // # Safety
 // `handle` is null or of `libella_init`; `outcome` is null, when nobody wants to know, or valid.
@@ -226,6 +270,15 @@ enum LibellaStatus libella_step(struct Libella *handle, uint8_t iterations, enum
 // # Safety
 // `handle` is null or of `libella_init`; `pose` is null or valid.
 enum LibellaStatus libella_pose(struct Libella *handle, struct LibellaPose *pose);
+
+// Writes the planes that are fit for use to `planes`, `capacity` of them at most, and their number, which may be larger, to `count`.
+//
+// # Safety
+// `handle` is null or of `libella_init`; `planes` is null, or has room for `capacity`; `count` is null or valid.
+enum LibellaStatus libella_planes(struct Libella *handle,
+                                  struct LibellaPlane *planes,
+                                  size_t capacity,
+                                  size_t *count);
 
 // Writes how the estimator is to `health`.
 //

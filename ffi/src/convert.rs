@@ -3,11 +3,16 @@
 use core::ffi::CStr;
 
 use libella_core::camera::{CameraModel, KannalaBrandt, PinholeRadTan};
-use libella_core::estimator::{EstimatorConfig, FrameOutcome, Health, InputError, StateEstimate, Waiting};
+use libella_core::estimator::{EstimatorConfig, FrameOutcome, Health, InputError, PlaneConfig, StateEstimate, Waiting};
 use libella_core::imu::ImuNoise;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-use crate::types::{LibellaConfig, LibellaHealth, LibellaLens, LibellaOutcome, LibellaPose, LibellaStatus};
+use libella_core::plane::{PlaneClass, PlaneId, TrackedPlane};
+
+use crate::types::{
+    LIBELLA_PLANE_CORNERS, LibellaConfig, LibellaHealth, LibellaLens, LibellaOutcome, LibellaPlane, LibellaPlaneClass, LibellaPose,
+    LibellaProfile, LibellaStatus,
+};
 
 /// The camera of a configuration, its pose on the body and the settings; `None` where a number cannot be.
 #[must_use]
@@ -34,9 +39,41 @@ pub fn settings(config: &LibellaConfig) -> Option<(EstimatorConfig<f32>, CameraM
     let [gyro_noise_density, accel_noise_density, gyro_random_walk, accel_random_walk] = noise;
     let imu_noise = ImuNoise { gyro_noise_density, accel_noise_density, gyro_random_walk, accel_random_walk };
     let LibellaConfig { gravity_m_s2, sigma_px, keyframe_parallax_px, .. } = *config;
-    let settings = EstimatorConfig { imu_noise, gravity_m_s2, sigma_px, keyframe_parallax_px, ..EstimatorConfig::default() };
+    // Landmarks of small images are known to a decimetre, as in the firmware.
+    let is_micro = config.profile == LibellaProfile::Micro as u32;
+    let usual = PlaneConfig::default();
+    let planes = if is_micro { PlaneConfig { theta_m: 0.1, sigma_m: 0.04, ..usual } } else { usual };
+    let settings = EstimatorConfig { imu_noise, gravity_m_s2, sigma_px, keyframe_parallax_px, planes, ..EstimatorConfig::default() };
     let body_from_camera = Isometry3::from_parts(Translation3::new(tx, ty, tz), UnitQuaternion::new_normalize(quaternion));
     is_possible.then_some((settings, camera, body_from_camera))
+}
+
+/// A plane.
+#[must_use]
+pub fn plane<const CORNERS: usize>(id: PlaneId, known: &TrackedPlane<f32, CORNERS>) -> LibellaPlane {
+    let mut corners_in_world_m = [[0.0; 3]; LIBELLA_PLANE_CORNERS];
+    let mut corner_count = 0;
+    for (place, corner) in corners_in_world_m.iter_mut().zip(known.polygon.corners()) {
+        *place = known.plane.lift(*corner).into();
+        corner_count += 1;
+    }
+    LibellaPlane {
+        id: id.number(),
+        class_: match known.class {
+            PlaneClass::Floor => LibellaPlaneClass::Floor,
+            PlaneClass::Ceiling => LibellaPlaneClass::Ceiling,
+            PlaneClass::Wall => LibellaPlaneClass::Wall,
+            PlaneClass::Table => LibellaPlaneClass::Table,
+            _ => LibellaPlaneClass::OtherPlane,
+        },
+        normal_in_world: known.plane.normal_in_world.into_inner().into(),
+        offset_m: known.plane.offset_m,
+        support: known.inliers,
+        corner_count,
+        corners_in_world_m,
+        first_seen_ns: known.first_seen.as_nanos(),
+        last_seen_ns: known.last_seen.as_nanos(),
+    }
 }
 
 /// The status of a refusal.
@@ -66,6 +103,7 @@ pub fn outcome(outcome: FrameOutcome) -> LibellaOutcome {
             Waiting::Excitation => LibellaOutcome::WaitsForExcitation,
             Waiting::Gravity => LibellaOutcome::WaitsForGravity,
             Waiting::Agreement => LibellaOutcome::WaitsForAgreement,
+            Waiting::Computation => LibellaOutcome::ComputesItsStart,
             _ => LibellaOutcome::Other,
         },
         FrameOutcome::Initialised => LibellaOutcome::Initialised,

@@ -3,19 +3,23 @@
 //! The caller owns the memory: [`libella_size`] bytes aligned to [`libella_alignment`], static or from anywhere, never moved while in
 //! use and never freed by this library. Nothing is allocated. A handle may be used by one thread at a time.
 //!
-//! Planes will be read as the pose is, once the estimator has them.
+//! Planes are read as the pose is, where the configuration asks for them.
 #![cfg_attr(not(feature = "std"), no_std)]
 
 mod convert;
 mod instance;
 mod types;
 
-pub use types::{LibellaConfig, LibellaHealth, LibellaLens, LibellaOutcome, LibellaPose, LibellaProfile, LibellaStatus, LibellaTrack};
+pub use types::{
+    LIBELLA_PLANE_CORNERS, LibellaConfig, LibellaHealth, LibellaLens, LibellaOutcome, LibellaPlane, LibellaPlaneClass, LibellaPose,
+    LibellaProfile, LibellaStatus, LibellaTrack,
+};
 
 use core::ffi::c_char;
+use core::num::NonZeroU32;
 use core::ptr::addr_of_mut;
 
-use libella_core::estimator::{Estimator, EstimatorConfig, Place, StepBudget};
+use libella_core::estimator::{Estimator, EstimatorConfig, KeeperConfig, Place, PlaneKeeper, StepBudget};
 use libella_core::image::{ImageView, PyramidPair};
 use libella_core::imu::{ImuNoise, ImuSample};
 use libella_core::time::Timestamp;
@@ -81,6 +85,7 @@ pub extern "C" fn libella_config(profile: u32) -> LibellaConfig {
         gravity_m_s2: usual.gravity_m_s2,
         sigma_px,
         keyframe_parallax_px,
+        planes_every: 0,
     }
 }
 
@@ -127,8 +132,17 @@ pub unsafe extern "C" fn libella_init(
 ///
 /// # Safety
 /// `place` is aligned memory of the size of the instance.
-unsafe fn make<const FRAMES: usize, const PAIRS: usize, const POINTS: usize, const SAMPLES: usize, const BYTES: usize>(
-    place: *mut Instance<Estimator<f32, FRAMES, PAIRS, POINTS, SAMPLES>, PyramidPair<BYTES>>,
+unsafe fn make<
+    const FRAMES: usize,
+    const PAIRS: usize,
+    const POINTS: usize,
+    const SAMPLES: usize,
+    const BYTES: usize,
+    const PLANES: usize,
+    const CORNERS: usize,
+    const SEEN: usize,
+>(
+    place: *mut Instance<Estimator<f32, FRAMES, PAIRS, POINTS, SAMPLES>, PyramidPair<BYTES>, PlaneKeeper<f32, PLANES, CORNERS, SEEN>>,
     config: &LibellaConfig,
 ) -> Option<()> {
     let (settings, camera, body_from_camera) = convert::settings(config)?;
@@ -142,6 +156,11 @@ unsafe fn make<const FRAMES: usize, const PAIRS: usize, const POINTS: usize, con
         let estimator = addr_of_mut!((*place).estimator).cast::<Place<Estimator<f32, FRAMES, PAIRS, POINTS, SAMPLES>>>();
         estimator.write(const { Place::new() });
         (*estimator).make(settings, camera, body_from_camera);
+        let small = config.profile == LibellaProfile::Micro as u32;
+        let keeper = if small { KeeperConfig::small_images() } else { KeeperConfig::default() };
+        let keeper = NonZeroU32::new(config.planes_every).map(|every| PlaneKeeper::new(KeeperConfig { every, ..keeper }));
+        addr_of_mut!((*place).planes).write(keeper);
+        addr_of_mut!((*place).newest).write(Timestamp::from_nanos(0));
         addr_of_mut!((*place).header).write(Header { magic: MAGIC, profile: config.profile });
     }
     Some(())
@@ -281,6 +300,34 @@ pub unsafe extern "C" fn libella_pose(handle: *mut Libella, pose: *mut LibellaPo
     let Some(estimate) = instance.state() else { return LibellaStatus::NoPose };
     // SAFETY: not null, hence valid, as the caller promised.
     unsafe { *pose = convert::pose(&estimate) };
+    LibellaStatus::Ok
+}
+
+/// Writes the planes that are fit for use to `planes`, `capacity` of them at most, and their number, which may be larger, to `count`.
+///
+/// # Safety
+/// `handle` is null or of `libella_init`; `planes` is null, or has room for `capacity`; `count` is null or valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn libella_planes(
+    handle: *mut Libella,
+    planes: *mut LibellaPlane,
+    capacity: usize,
+    count: *mut usize,
+) -> LibellaStatus {
+    let instance = opened!(handle);
+    if count.is_null() || (planes.is_null() && capacity > 0) {
+        return LibellaStatus::Null;
+    }
+    let mut known = 0;
+    instance.planes(&mut |plane| {
+        if known < capacity {
+            // SAFETY: within the room that the caller promised.
+            unsafe { planes.add(known).write(plane) };
+        }
+        known += 1;
+    });
+    // SAFETY: not null, hence valid, as the caller promised.
+    unsafe { *count = known };
     LibellaStatus::Ok
 }
 

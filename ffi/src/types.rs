@@ -4,7 +4,7 @@
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LibellaProfile {
-    /// Microcontroller: images of 160 x 120 px, 6 frames, 56 landmarks.
+    /// Microcontroller: images of 160 x 120 px, 6 frames, 54 landmarks.
     Micro = 0,
     /// Telephone: images up to 640 x 480 px, 8 frames, 150 landmarks.
     Mobile = 1,
@@ -84,6 +84,8 @@ pub enum LibellaOutcome {
     Lost = 11,
     /// Something newer than this header.
     Other = 12,
+    /// Not initialised yet: the start in motion is computed, a piece with each image.
+    ComputesItsStart = 13,
 }
 
 /// How the estimator is.
@@ -136,6 +138,51 @@ pub struct LibellaConfig {
     pub sigma_px: f32,
     /// An image becomes a keyframe when its corners have moved this far since the last one, rotation apart, px.
     pub keyframe_parallax_px: f32,
+    /// Images from one search for planes to the next, 30 is usual; landmarks are drawn to what is found. 0 seeks none.
+    pub planes_every: u32,
+}
+
+/// What a plane is in a room.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LibellaPlaneClass {
+    /// The lowest horizontal plane, and what is level with it.
+    Floor = 0,
+    /// Horizontal, high above the floor.
+    Ceiling = 1,
+    /// Vertical.
+    Wall = 2,
+    /// Horizontal, as high above the floor as a table.
+    Table = 3,
+    /// Horizontal, none of these.
+    OtherPlane = 4,
+}
+
+/// Corners of a plane's polygon at most.
+pub const LIBELLA_PLANE_CORNERS: usize = 12;
+
+/// A plane of the room: `normal . x + offset_m = 0`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LibellaPlane {
+    /// Its name, as long as it is known; a later plane never has it.
+    pub id: u32,
+    /// What it is.
+    pub class_: LibellaPlaneClass,
+    /// Unit normal in world.
+    pub normal_in_world: [f32; 3],
+    /// Distance of the world's origin, with the sign of the side, m.
+    pub offset_m: f32,
+    /// Landmarks that spoke for it when it was last found.
+    pub support: u32,
+    /// Corners of its polygon that are filled in.
+    pub corner_count: u32,
+    /// The polygon in world, m.
+    pub corners_in_world_m: [[f32; 3]; LIBELLA_PLANE_CORNERS],
+    /// When it was first found, ns.
+    pub first_seen_ns: i64,
+    /// When it was last found, ns.
+    pub last_seen_ns: i64,
 }
 
 /// A corner in an image.

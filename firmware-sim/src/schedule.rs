@@ -12,7 +12,9 @@ use libella_core::time::{Span, Timestamp};
 use crate::cycles::{Clock, Cost};
 use crate::driver::{Camera, Depth, DepthMemory, Imu};
 use crate::fault::Fault;
-use crate::planes::{Look, Planes, Settings};
+use libella_core::estimator::Look;
+
+use crate::planes::{Planes, Settings};
 use crate::replay::Replay;
 use crate::telemetry::{self, Line, Telemetry};
 
@@ -84,7 +86,7 @@ pub fn fly(
     let mut log = Log { telemetry, began };
     let (mut imu, mut camera) = (Imu::new(replay, plan.fault, began), Camera::new(replay, plan.fault, began));
     let mut depth = plan.depth.then(|| Depth::new(replay, plan.fault, began));
-    let mut planes = plan.planes.then(|| Planes::new(Settings { every: LOOK_EVERY, ..Settings::default() }));
+    let mut planes = plan.planes.then(|| Planes::new(Settings { every: LOOK_EVERY, ..Settings::small_images() }));
     let (mut now, mut cost, mut refused_imu) = (began, Cost::default(), None);
     while !imu.is_at_end() {
         while let Some(sample) = imu.poll(now) {
@@ -206,7 +208,7 @@ impl Log<'_> {
 
     #[inline(never)]
     fn end(&mut self, planes: Option<&Planes>, summary: &Summary) {
-        for plane in planes.into_iter().flat_map(Planes::steady) {
+        for plane in planes.into_iter().flat_map(Planes::steady).map(|(_, plane)| plane) {
             let (normal, line) = (plane.plane.normal_in_world, Line::new("plane").word(telemetry::class(plane.class)));
             [normal.x, normal.y, normal.z, plane.plane.offset_m].into_iter().fold(line, Line::bits).send(self.telemetry);
         }

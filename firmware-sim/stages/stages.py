@@ -14,7 +14,7 @@ STAGES = [
     ("start", ["Estimator<T,_,_,_,_>>::step_starting", "Estimator<T,_,_,_,_>>::start_moving", "Estimator<T,_,_,_,_>>::align"]),
     ("solve", ["Estimator<T,_,_,_,_>>::solve", "Estimator<T,_,_,_,_>>::activate_landmarks"]),
     ("depth", ["schedule::take_depth"]),
-    ("planes", ["Planes::look", "Planes::attach"]),
+    ("planes", ["PlaneKeeper<T,_,_,_>::look", "PlaneKeeper<T,_,_,_>::attach"]),
     ("marginalise", ["Estimator<T,_,_,_,_>>::retire_oldest", "Estimator<T,_,_,_,_>>::drop_frame"]),
 ]
 END_OF_IMAGE = "libella_end_of_image"

@@ -7,6 +7,7 @@ mod depth;
 mod depth_start;
 mod inertial;
 mod input;
+mod keeper;
 mod outliers;
 mod output;
 mod place;
@@ -16,6 +17,7 @@ mod sliding;
 mod starting;
 
 pub use config::{DepthConfig, EstimatorConfig, FirstSigma, PlaneConfig};
+pub use keeper::{KeeperConfig, Look, PlaneKeeper};
 pub use output::{DepthReport, FrameOutcome, Health, InputError, StateEstimate, StepBudget, StepReport, Waiting};
 pub use place::Place;
 

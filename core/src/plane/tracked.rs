@@ -21,6 +21,12 @@ impl PlaneId {
     pub const fn place(self) -> usize {
         self.0.place()
     }
+
+    /// The name as a number, for maps of up to 256 planes.
+    #[must_use]
+    pub const fn number(self) -> u32 {
+        self.0.number()
+    }
 }
 
 /// What a plane is in a room.

@@ -17,6 +17,12 @@ impl SlotId {
     pub const fn place(self) -> usize {
         self.place as usize
     }
+
+    /// One number for both, for up to 256 places: a place is used 16 million times before it comes again.
+    #[must_use]
+    pub const fn number(self) -> u32 {
+        self.generation << 8 | self.place & 0xff
+    }
 }
 
 #[derive(Debug, Clone, Copy)]

@@ -29,7 +29,7 @@ use nalgebra::{Isometry3, Vector3};
 fn main() -> Result<(), Box<dyn Error>> {
     let config = Config::default();
     let mut small = memory::settings(ImuNoise::adis16448());
-    let (mut planes, mut micro_only) = (planes::Settings::default(), false);
+    let (mut planes, mut micro_only) = (planes::Settings::small_images(), false);
     for argument in std::env::args().skip(1) {
         if let Some((name, value)) = argument.split_once('=') {
             match name {

@@ -121,6 +121,7 @@ fn a_real_recording_gives_one_trajectory_through_every_format() {
 }
 
 /// Everything that a recording says, to be compared: samples, and stamps and pixels of the images.
+#[allow(clippy::type_complexity)] // inertial samples as bits; stamps with pixels
 fn content(recording: &Recording) -> (Vec<[u64; 7]>, Vec<(i64, Vec<u8>)>) {
     let mut images = Vec::new();
     for event in recording.events(2).unwrap() {

@@ -221,7 +221,7 @@ fn a_source_that_says_nothing_changes_nothing() {
             assert_eq!((figures.images, figures.failed.count, figures.believed), (images, images, 0));
             assert_eq!(figures.failed.first.unwrap(), "the network failed (on purpose)");
         } else {
-            assert_eq!((figures.believed, figures.empty), (images, images));
+            assert_eq!((figures.believed, figures.rejected_unusable), (0, images));
         }
     }
 }

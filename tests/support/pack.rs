@@ -131,7 +131,7 @@ impl Fields {
     }
 
     fn align(&mut self, size: usize) {
-        while self.wire == Wire::Cdr && (self.bytes.len() - 4) % size != 0 {
+        while self.wire == Wire::Cdr && !(self.bytes.len() - 4).is_multiple_of(size) {
             self.bytes.push(0);
         }
     }

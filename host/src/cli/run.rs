@@ -295,7 +295,7 @@ fn describe_depth(depth: &DepthFigures) -> String {
     for (count, what) in [
         (depth.rejected_other_scale, "rejected: not of the scale known so far"),
         (depth.rejected_no_depth, "rejected: no depth of this image"),
-        (depth.empty, "gave nothing a depth"),
+        (depth.rejected_unusable, "rejected: no usable depth where the corners are"),
     ] {
         maps.extend((count > 0).then(|| format!("{count} {what}")));
     }

@@ -82,8 +82,8 @@ pub struct DepthFigures {
     pub rejected_other_scale: usize,
     /// Maps that were rejected because they explain the depths that motion tells no better than one constant would.
     pub rejected_no_depth: usize,
-    /// Maps that were believed and gave no landmark a depth: nothing known in them, or nothing to give it to.
-    pub empty: usize,
+    /// Maps that were rejected because they gave no landmark a depth: no usable number where the corners are.
+    pub rejected_unusable: usize,
     /// Images without a map, or whose map could not be read.
     pub failed: LeftOut,
     /// Factor from the source's depths to metric ones.
@@ -124,10 +124,10 @@ impl DepthFigures {
             images: results().count(),
             network_ms: Timing::of(results().map(|depth| depth.times.network_ms)),
             wait_ms: Timing::of(results().map(|depth| depth.times.wait_ms)),
-            believed: with(Verdict::Believed),
+            believed: used().filter(|used| used.verdict == Verdict::Believed && used.given > 0).count(),
             rejected_other_scale: with(Verdict::OtherScale),
             rejected_no_depth: with(Verdict::NoDepth),
-            empty: used().filter(|used| used.verdict == Verdict::Believed && used.given == 0).count(),
+            rejected_unusable: used().filter(|used| used.verdict == Verdict::Believed && used.given == 0).count(),
             failed: failed.into(),
             scale: scales().next().zip(scales().next_back()).map(|(first, last)| ScaleFigures {
                 first,
@@ -504,6 +504,7 @@ mod tests {
             gyro_bias_rad_s: nalgebra::Vector3::zeros(),
             accel_bias_m_s2: nalgebra::Vector3::zeros(),
             pose_covariance: nalgebra::SMatrix::identity(),
+            bias_sigma: None,
         };
         let text = kitti([&pose, &pose].into_iter());
         let numbers: Vec<f64> = text.lines().next().unwrap().split(' ').map(|value| value.parse().unwrap()).collect();

@@ -151,6 +151,7 @@ pub(super) fn depth(output: &Output, stretches: &[Stretch]) -> String {
         ("maps believed".to_owned(), format!("{} of {}", count("believed"), count("images"))),
         ("rejected, of another scale".to_owned(), format!("{}", count("rejected_other_scale"))),
         ("rejected, no depth of this image".to_owned(), format!("{}", count("rejected_no_depth"))),
+        ("rejected, no usable depth where the corners are".to_owned(), format!("{}", count("rejected_unusable"))),
     ];
     facts.extend(
         output

@@ -103,3 +103,88 @@ fn a_folder_that_cannot_be_written_is_found_out_before_the_run() {
     assert_eq!(done.status.code(), Some(5), "{}", text(&done.stderr));
     assert!(text(&done.stdout).is_empty() && text(&done.stderr).contains("taken"));
 }
+
+#[test]
+fn a_wrong_command_line_ends_with_2() {
+    for wrong in [&["fly"][..], &["run"], &["run", "a", "--no-such-option"], &["run", "a", "--scalar", "f16"], &["completions", "cmd"], &[]]
+    {
+        let done = libella(wrong);
+        assert_eq!(done.status.code(), Some(2), "{wrong:?}: {}", text(&done.stderr));
+        assert!(done.stdout.is_empty() && !done.stderr.is_empty(), "{wrong:?}");
+    }
+}
+
+#[test]
+fn the_help_lists_the_exit_codes_and_ends_with_examples() {
+    let help = text(&libella(&["--help"]).stdout);
+    for code in ["0  done", "2  wrong command line", "3  the data", "4  no trajectory", "5  results cannot", "6  ", "7  ", "70  ", "130  "]
+    {
+        assert!(help.lines().any(|line| line.trim_start().starts_with(code)), "{code}: {help}");
+    }
+    assert!(text(&libella(&["run", "--help"]).stdout).contains("\nExamples:\n  libella run "));
+}
+
+#[test]
+fn completions_name_every_subcommand() {
+    let listed = ["demo", "check", "run", "report", "simulate", "rooms", "evaluate", "depth", "config", "completions"];
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let done = libella(&["completions", shell]);
+        let script = text(&done.stdout);
+        assert!(done.status.success() && done.stderr.is_empty(), "{shell}");
+        assert!(listed.iter().all(|name| script.contains(name)) && script.contains("spoil-depth"), "{shell}");
+    }
+    // The shell itself reads its script.
+    let script = libella(&["completions", "bash"]).stdout;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("libella.bash");
+    std::fs::write(&path, script).unwrap();
+    match Command::new("bash").arg("-n").arg(&path).output() {
+        Ok(read) => assert!(read.status.success(), "{}", text(&read.stderr)),
+        Err(_) => println!("skipped: there is no bash"),
+    }
+}
+
+/// A recording whose estimator never starts: its inertial samples are of free fall.
+fn falling() -> Folder {
+    let folder = Folder::new();
+    folder.edit_lines("imu0/data.csv", |lines| {
+        for (index, line) in lines.iter_mut().enumerate().skip(1) {
+            let stamp = line.split(',').next().unwrap().to_owned();
+            *line = format!("{stamp},0.00{index:03},-0.01,0.02,0.1,-0.2,0.0{index:03}");
+        }
+    });
+    folder
+}
+
+#[test]
+fn json_is_the_report_and_nothing_else() {
+    let folder = falling();
+    let out = folder.root().join("results");
+    let done = libella(&["run", folder.root().to_str().unwrap(), "--out", out.to_str().unwrap(), "--json"]);
+    assert_eq!(done.status.code(), Some(4), "{}", text(&done.stderr));
+    let printed: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    let written: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
+    assert_eq!(printed, written);
+    assert_eq!((&printed["poses"], &printed["frames"]), (&0.into(), &10.into()));
+    assert!(text(&done.stderr).contains("no trajectory came out"));
+    // Quiet is about words.
+    let quiet = libella(&["run", folder.root().to_str().unwrap(), "--out", out.to_str().unwrap(), "--json", "--quiet"]);
+    assert!(serde_json::from_slice::<serde_json::Value>(&quiet.stdout).is_ok());
+}
+
+#[test]
+fn a_recording_without_truth_is_told_so_once() {
+    let folder = falling();
+    std::fs::remove_dir_all(folder.path("state_groundtruth_estimate0")).unwrap();
+    let (root, out) = (folder.root().to_str().unwrap().to_owned(), folder.root().join("results"));
+    let said = "no ground truth in the recording: errors are not measured";
+    let done = libella(&["run", &root, "--out", out.to_str().unwrap()]);
+    assert_eq!(done.status.code(), Some(4), "{}", text(&done.stderr));
+    assert_eq!(text(&done.stdout).matches(said).count(), 1, "{}", text(&done.stdout));
+    // No terminal, no colours, no summary.
+    assert!(!done.stdout.contains(&0x1b) && !text(&done.stdout).contains("tracked none"));
+    let json = libella(&["run", &root, "--out", out.to_str().unwrap(), "--json"]);
+    assert!(!text(&json.stdout).contains(said) && text(&json.stderr).contains(said), "{}", text(&json.stderr));
+    let quiet = libella(&["run", &root, "--out", out.to_str().unwrap(), "--quiet"]);
+    assert!(quiet.stdout.is_empty() && !text(&quiet.stderr).contains(said), "{}", text(&quiet.stderr));
+}

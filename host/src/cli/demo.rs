@@ -14,7 +14,7 @@ use libella_host::sim::{RenderConfig, RenderedFlight};
 
 use super::run::{describe, exit, parse_scalar, progress, stop_on_interrupt, subtitle, word};
 use super::simulate::{motion, movers, unusable};
-use super::{Exit, say};
+use super::{Exit, finish, say};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -100,6 +100,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
             "rendering       room painted in {room_s:.1} s{rendering}\npicture         {}\n",
             arguments.out.join("demo.png").display()
         ));
+        finish::summarise(&arguments.out)?;
     }
     Ok(exit(&run, &report))
 }

@@ -1,10 +1,14 @@
 //! One file per subcommand; here is what they share: arguments and exit codes.
 
 mod check;
+mod completions;
 mod config;
 mod demo;
 mod depth;
 mod evaluate;
+mod examples;
+mod exit;
+mod finish;
 mod input;
 mod report;
 mod rooms;
@@ -17,15 +21,12 @@ use std::io::Write as _;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use libella_host::fault::{Fault, FaultKind};
+
+pub(crate) use exit::Exit;
 
 /// Monocular visual-inertial odometry in fixed memory.
-///
-/// Exit codes: 0 done, 2 wrong command line or configuration, 3 the data cannot be used, 4 no trajectory came out,
-/// 5 results cannot be written, 6 `check` found a fault, 7 a figure is above the threshold of `evaluate --fail-above`, 70 the estimator failed,
-/// 130 interrupted (results so far are written).
 #[derive(Parser)]
-#[command(name = "libella", version, arg_required_else_help = true)]
+#[command(name = "libella", version, arg_required_else_help = true, after_help = exit::EXIT_CODES)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -34,35 +35,35 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     /// Renders a flight and runs the odometry on it at once: needs no data.
+    #[command(after_help = examples::DEMO)]
     Demo(demo::Arguments),
     /// Finds out what is wrong with a recording before it is run: units, axes, stamps, calibration, noise, motion.
+    #[command(after_help = examples::CHECK)]
     Check(check::Arguments),
     /// Runs a recording through the estimator and writes trajectory, report and picture.
+    #[command(after_help = examples::RUN)]
     Run(run::Arguments),
     /// Makes report.html of an output folder, or one page that compares several.
+    #[command(after_help = examples::REPORT)]
     Report(report::Arguments),
     /// Renders a flight through a room into a EuRoC/ASL folder with exact truth.
+    #[command(after_help = examples::SIMULATE)]
     Simulate(simulate::Arguments),
     /// Renders single views of many different rooms with their depth: data to train a network with.
+    #[command(after_help = examples::ROOMS)]
     Rooms(rooms::Arguments),
     /// Compares a trajectory with the truth (TUM or EuRoC files), or runs a whole suite of recordings and makes its table.
+    #[command(after_help = examples::EVALUATE)]
     Evaluate(evaluate::Arguments),
     /// Draws what a network says of one image: depth and uncertainty beside it.
+    #[command(after_help = examples::DEPTH)]
     Depth(depth::Arguments),
     /// Prints the default configuration with the unit of every key.
+    #[command(after_help = examples::CONFIG)]
     Config,
-}
-
-/// What a command ended with.
-pub(crate) enum Exit {
-    Done,
-    NoResult,
-    /// `check` found a fault in the recording.
-    Faulty,
-    /// A figure of a suite is above the threshold.
-    AboveThreshold,
-    EstimatorFailed,
-    Interrupted,
+    /// Prints a script that lets a shell complete the command line.
+    #[command(after_help = examples::COMPLETIONS)]
+    Completions(completions::Arguments),
 }
 
 /// Prints results. A reader that closes the pipe early has seen what it wanted.
@@ -81,26 +82,13 @@ pub(crate) fn main() -> ExitCode {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Depth(arguments) => depth::run(&arguments),
         Command::Config => config::run(),
+        Command::Completions(arguments) => completions::run(&arguments),
     };
     match done {
-        Ok(Exit::Done) => ExitCode::SUCCESS,
-        Ok(Exit::NoResult) => ExitCode::from(4),
-        Ok(Exit::Faulty) => ExitCode::from(6),
-        Ok(Exit::AboveThreshold) => ExitCode::from(7),
-        Ok(Exit::EstimatorFailed) => ExitCode::from(70),
-        Ok(Exit::Interrupted) => ExitCode::from(130),
+        Ok(exit) => exit.into(),
         Err(fault) => {
             eprintln!("libella: {fault}");
-            ExitCode::from(code(&fault))
+            ExitCode::from(exit::code(&fault))
         }
-    }
-}
-
-fn code(fault: &Fault) -> u8 {
-    match fault.kind {
-        FaultKind::Configuration => 2,
-        FaultKind::Missing | FaultKind::Malformed => 3,
-        FaultKind::NoResult => 4,
-        _ => 5,
     }
 }

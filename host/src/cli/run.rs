@@ -16,7 +16,7 @@ use libella_host::planes;
 use libella_host::report::{self, Snapshots};
 
 use super::input::Input;
-use super::{Exit, say, smooth};
+use super::{Exit, finish, say, smooth};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -53,7 +53,10 @@ pub(crate) struct Arguments {
     /// Writes no report.html.
     #[arg(long)]
     no_html: bool,
-    /// Prints nothing but errors.
+    /// Prints report.json, and nothing else on standard output; progress and warnings stay on standard error.
+    #[arg(long)]
+    json: bool,
+    /// Prints nothing but errors, and what --json asks for.
     #[arg(long, short)]
     quiet: bool,
 }
@@ -142,23 +145,33 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     report::write_data(&folder, &recording, &config, &run, evaluation.as_ref(), Some(&snapshots))?;
     let page = || if arguments.no_html { Ok(()) } else { report::write_page(&folder).map(|_| ()) };
     page()?;
-    if !arguments.quiet {
+    let talkative = !arguments.quiet && !arguments.json;
+    if talkative {
         say(&describe(&recording, &figures, evaluation.as_ref(), &folder));
     }
     let done = exit(&run, &figures);
     if matches!(done, Exit::NoResult) {
         eprintln!("libella: `libella check {}` looks for the cause", arguments.input.dataset.display());
     }
+    let ending = |done: Exit| -> Result<Exit, Fault> {
+        if arguments.json {
+            let remark = finish::unmeasured(&recording, evaluation.as_ref()).filter(|_| !arguments.quiet);
+            finish::print_json(&folder, remark)?;
+        } else if talkative {
+            finish::summarise(&folder)?;
+        }
+        Ok(done)
+    };
     if !(arguments.smooth && matches!(done, Exit::Done)) {
-        return Ok(done);
+        return ending(done);
     }
     let Some(smooth) = smooth::run(&recording, &config, (&run, &record), &stop, arguments.quiet)? else {
         eprintln!("libella: interrupted; the causal trajectory is written, the smooth one is not");
-        return Ok(Exit::Interrupted);
+        return ending(Exit::Interrupted);
     };
-    smooth::write(&recording, &config, &smooth, &mut figures, &run, &folder, arguments.quiet)?;
+    smooth::write(&recording, &config, &smooth, &mut figures, &run, &folder, !talkative)?;
     page()?;
-    Ok(done)
+    ending(done)
 }
 
 /// What gives depth, ready for the images of the recording.
@@ -240,6 +253,7 @@ pub(super) fn describe(recording: &Recording, report: &Report, evaluation: Optio
         },
     ];
     lines.extend(evaluation.map(|found| super::evaluate::describe(found).trim_end().to_owned()));
+    lines.extend(finish::unmeasured(recording, evaluation).map(|remark| format!("truth           {remark}")));
     if let Some(nees) = &report.pose_nees {
         lines.push(format!("pose NEES       {:.2} mean, {:.2} median (6 is consistent)", nees.mean, nees.median));
     }

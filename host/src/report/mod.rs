@@ -21,12 +21,15 @@ mod sight;
 mod snapshots;
 mod space;
 mod stages;
+mod summary;
 mod verdict;
 mod words;
 
 use std::path::{Path, PathBuf};
 
 pub use snapshots::Snapshots;
+pub use summary::{NO_TRUTH, Summary};
+pub use verdict::Light;
 
 use crate::config::Config;
 use crate::dataset::Recording;

@@ -5,9 +5,12 @@ use super::html::length;
 
 /// What a figure is worth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Light {
+pub enum Light {
+    /// Nothing to complain of.
     Good,
+    /// Usable, and worth a look.
     Fair,
+    /// Not to be relied on.
     Poor,
     /// There is nothing to judge by.
     Unknown,
@@ -25,7 +28,7 @@ impl Light {
         }
     }
 
-    pub fn word(self) -> &'static str {
+    pub(super) fn word(self) -> &'static str {
         match self {
             Self::Good => "good",
             Self::Fair => "fair",
@@ -34,7 +37,7 @@ impl Light {
         }
     }
 
-    pub fn class(self) -> &'static str {
+    pub(super) fn class(self) -> &'static str {
         match self {
             Self::Unknown => "unknown",
             known => known.word(),

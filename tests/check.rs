@@ -61,7 +61,7 @@ fn shift_frames(recording: &mut Recording, change: impl Fn(Timestamp) -> Timesta
     match &mut recording.frames {
         Frames::Images(images) => images.iter_mut().for_each(|image| image.stamp = change(image.stamp)),
         Frames::Tracks(frames) => frames.iter_mut().for_each(|frame| frame.stamp = change(frame.stamp)),
-        Frames::Live(_) => unreachable!(),
+        Frames::Packed(_) | Frames::Live(_) => unreachable!(),
     }
 }
 

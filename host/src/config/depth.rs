@@ -15,7 +15,7 @@ pub struct DepthSection {
     /// Images that get a depth at most, 1/s: about as many as become keyframes, which nobody knows before an image has been
     /// worked on. At the rate of the camera or above every image gets one. Default 5.0.
     pub rate_hz: f64,
-    /// Whether what the source says of its uncertainty is listened to; otherwise all depths count alike, with `sigma_log` and `u = 0`. Default true.
+    /// Whether what the source says of its uncertainty is listened to; otherwise all depths count alike, with `sigma_log` and a `u` of almost 0. Default true.
     pub uncertainty: bool,
     /// Without `uncertainty`: the standard deviation of ln depth that all depths have. Default 0.13: the median of
     /// what `indoor` states in rendered rooms.

@@ -5,7 +5,11 @@ use libella_core::time::Timestamp;
 
 use super::{DepthKind, DepthMap, DepthNetwork, NetworkError};
 
-/// Any source without what it says of its uncertainty: every known depth has the same standard deviation of its logarithm, and `u = 0`.
+/// An uncertainty that takes nothing from any weight; zero is no uncertainty, but a depth that is unknown.
+const ALMOST_NONE: f32 = 1e-6;
+
+/// Any source without what it says of its uncertainty: every known depth has the same standard deviation of its logarithm, and `u`
+/// almost zero.
 #[derive(Debug)]
 pub struct Alike<N> {
     network: N,
@@ -25,7 +29,7 @@ impl<N: DepthNetwork> DepthNetwork for Alike<N> {
         let mut map = self.network.predict(stamp, image)?;
         // What is unknown stays unknown: that is told by the depth.
         map.sigma_log.fill(self.sigma_log);
-        map.uncertainty.fill(0.0);
+        map.uncertainty.fill(ALMOST_NONE);
         Ok(map)
     }
 
@@ -41,6 +45,8 @@ impl<N: DepthNetwork> DepthNetwork for Alike<N> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use libella_core::depth::DepthView;
+
     use super::*;
 
     struct Two;
@@ -69,7 +75,12 @@ mod tests {
         let pixels = [0; 16];
         let image = ImageView::new(&pixels, 4, 4, 4).unwrap();
         let map = Alike::new(Two, 0.25).predict(Timestamp::from_nanos(1), &image).unwrap();
-        assert_eq!((map.inverse_depth_1_m[0], map.sigma_log[0], map.uncertainty[0]), (0.5, 0.25, 0.0));
         assert!(map.is_known(0) && !map.is_known(1), "what is unknown became known");
+        // As the estimator reads it.
+        let [depth, sigma, u] = [&map.inverse_depth_1_m, &map.sigma_log, &map.uncertainty].map(|values| [values.as_slice(); 2].concat());
+        let view = DepthView::new((2, 2), [1.0; 2], [0.0; 2], &depth, &sigma, &u).unwrap();
+        let found = view.value::<f64>(0, 0).unwrap();
+        assert!(found.inverse_depth == 0.5 && found.sigma_log == 0.25 && found.uncertainty < 1e-5);
+        assert_eq!(view.value::<f64>(1, 0), None);
     }
 }

@@ -90,7 +90,8 @@ fn name_of(path: &Path) -> String {
 fn read_images(purpose: Purpose, files: &Files, root: &str, remarks: &mut Vec<Remark>) -> Result<Vec<(Timestamp, String)>, Fault> {
     let folder = format!("{root}cam0/");
     let name = format!("{folder}data.csv");
-    if !files.has(&name) {
+    // Kalibr's layout has no list; EuRoC's always has one.
+    if !files.has(&name) && !files.has(&format!("{root}imu0/data.csv")) {
         let named = images_by_name(files, &folder);
         if !named.is_empty() {
             return Ok(named);

@@ -144,13 +144,13 @@ fn completions_name_every_subcommand() {
     }
 }
 
-/// A recording whose estimator never starts: its inertial samples are of free fall.
-fn falling() -> Folder {
+/// A recording whose estimator never starts: it turns, and half a second is too short for a start in motion.
+fn turning() -> Folder {
     let folder = Folder::new();
     folder.edit_lines("imu0/data.csv", |lines| {
         for (index, line) in lines.iter_mut().enumerate().skip(1) {
             let stamp = line.split(',').next().unwrap().to_owned();
-            *line = format!("{stamp},0.00{index:03},-0.01,0.02,0.1,-0.2,0.0{index:03}");
+            *line = format!("{stamp},0.8{index:03},-0.5,0.6,9.2,0.3,-3.0{index:03}");
         }
     });
     folder
@@ -158,7 +158,7 @@ fn falling() -> Folder {
 
 #[test]
 fn json_is_the_report_and_nothing_else() {
-    let folder = falling();
+    let folder = turning();
     let out = folder.root().join("results");
     let done = libella(&["run", folder.root().to_str().unwrap(), "--out", out.to_str().unwrap(), "--json"]);
     assert_eq!(done.status.code(), Some(4), "{}", text(&done.stderr));
@@ -174,7 +174,7 @@ fn json_is_the_report_and_nothing_else() {
 
 #[test]
 fn a_recording_without_truth_is_told_so_once() {
-    let folder = falling();
+    let folder = turning();
     std::fs::remove_dir_all(folder.path("state_groundtruth_estimate0")).unwrap();
     let (root, out) = (folder.root().to_str().unwrap().to_owned(), folder.root().join("results"));
     let said = "no ground truth in the recording: errors are not measured";

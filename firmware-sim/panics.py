@@ -20,6 +20,7 @@ REASONS = {
     "core/src/camera": "arrays of fixed length",
     "core/src/depth": "as many values as landmarks of the window, at most POINTS",
     "core/src/estimator": "frames of the window, below its length by the loop or the check before",
+    "core/src/estimator/keeper.rs": "the samples of a look, by the ranges of their groups",
     "core/src/factor": "fixed-size blocks, and rows of the window's frames: at most FRAMES of 15",
     "core/src/imu": "views of 3 and 15 rows into matrices of fixed size",
     "core/src/init": "the first `frames` of FRAMES places, refused at the entry when there are more; fixed-size matrices",
@@ -33,7 +34,6 @@ REASONS = {
     "core/src/image": "levels below MAX_LEVELS by the loop",
     "core/src/track": "cells and tracks below the capacity by the loop",
     "firmware-sim/src": "the command line that the emulator hands over; not part of the estimator",
-    "firmware-sim/src/planes": "the samples of a look, by the ranges of their groups",
     "outside": "sorting and eigenvalues of libraries, on slices and matrices whose size they checked",
 }
 

@@ -6,7 +6,7 @@ import sys
 
 # Each stage with what the names of its functions contain. The functions are too large to be inlined, or told not to be.
 STAGES = [
-    ("preintegrate", ["InertialHistory<T,_>::integrate", "InertialHistory<T,_>::rotation"]),
+    ("preintegrate", ["imu::stretch::integrate", "imu::stretch::extend", "InertialHistory<T,_>::rotation"]),
     ("pyramid", ["PyramidPair<_>::push"]),
     ("track", ["FrontEnd<_,_>::follow"]),
     ("reject", ["FrontEnd<_,_>::verify"]),

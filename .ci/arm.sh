@@ -30,7 +30,7 @@ linux() { # a 64-bit ARM Linux: the core's tests, the firmware's flight, and the
   scripts/arm-linux-setup
   # shellcheck source=scripts/arm-linux-env
   . scripts/arm-linux-env
-  cargo test -p libella-core --target "$target"
+  cargo test -p libella-core --lib --target "$target"
   cargo test --manifest-path firmware-sim/Cargo.toml --target "$target"
   cargo build -p libella-host --no-default-features --target "$target"
   rm -rf "$out"

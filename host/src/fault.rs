@@ -50,6 +50,11 @@ impl Fault {
         Self::new(FaultKind::Malformed, what, remedy).at(path)
     }
 
+    /// A result for which there is no room, or no permission.
+    pub fn unwritable(path: &Path, error: &dyn fmt::Display) -> Self {
+        Self::new(FaultKind::Output, format!("cannot be written ({error})"), "give another folder with --out, or free the disk").at(path)
+    }
+
     /// Names the file.
     #[must_use]
     pub fn at(mut self, path: &Path) -> Self {

@@ -8,6 +8,7 @@ pub mod eval; // trajectories against truth
 pub mod fault; // what went wrong, where, and what to do
 pub mod map; // a whole flight, once it is over
 pub mod network; // depth and uncertainty of images
+mod paint; // inks, font and colours of all pictures
 pub mod pipeline; // events -> estimator -> poses, timings, files
 pub mod planes; // points of the map -> planes with names
 pub mod report; // output folders -> one HTML page for people

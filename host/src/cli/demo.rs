@@ -5,7 +5,6 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use libella_host::config::{Config, Scalar};
-use libella_host::eval::evaluate;
 use libella_host::fault::Fault;
 use libella_host::pipeline::{self, ContactSheet, Figure, Report};
 use libella_host::planes;
@@ -73,7 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     bar.finish_and_clear();
 
     let estimate = run.trajectory();
-    let evaluation = recording.truth.as_ref().and_then(|truth| evaluate(&estimate, truth, &config.evaluation).ok());
+    let evaluation = pipeline::evaluated(&estimate, &recording, &config);
     let report = Report::new(&recording, &config, &run, evaluation.as_ref());
     pipeline::write_outputs(&arguments.out, &run, &report)?;
     let title = format!("libella · rendered flight, {name} · {}", if config.scalar == Scalar::F64 { "f64" } else { "f32" });

@@ -8,7 +8,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use libella_core::estimator::{Health, Waiting};
 use libella_host::config::{Config, Scalar};
 use libella_host::dataset::{self, Recording};
-use libella_host::eval::{Evaluation, evaluate};
+use libella_host::eval::Evaluation;
 use libella_host::fault::{Fault, FaultKind};
 use libella_host::network::{DepthNetwork, ModelChoice, Spoil, Spoiled};
 use libella_host::pipeline::{self, DepthFigures, Ended, Figure, Report, Run, Watch};
@@ -126,7 +126,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     })?;
     bar.finish_and_clear();
     let estimate = run.trajectory();
-    let evaluation = recording.truth.as_ref().and_then(|truth| evaluate(&estimate, truth, &config.evaluation).ok());
+    let evaluation = pipeline::evaluated(&estimate, &recording, &config);
     let mut figures = Report::new(&recording, &config, &run, evaluation.as_ref());
     pipeline::write_outputs(&folder, &run, &figures)?;
     let title = format!("{} · {}", recording.name, if config.scalar == Scalar::F64 { "f64" } else { "f32" });
@@ -169,7 +169,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         eprintln!("libella: interrupted; the causal trajectory is written, the smooth one is not");
         return ending(Exit::Interrupted);
     };
-    smooth::write(&recording, &config, &smooth, &mut figures, &run, &folder, !talkative)?;
+    smooth::write(&recording, &config, &smooth, &mut figures, &folder, !talkative)?;
     page()?;
     ending(done)
 }

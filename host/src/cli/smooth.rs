@@ -6,7 +6,6 @@ use std::sync::atomic::AtomicBool;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use libella_host::config::Config;
 use libella_host::dataset::Recording;
-use libella_host::eval::evaluate;
 use libella_host::fault::Fault;
 use libella_host::map::{self, FlightRecord, Smooth};
 use libella_host::pipeline::{self, Report, Run, SmoothReport};
@@ -45,14 +44,13 @@ pub(super) fn write(
     config: &Config,
     smooth: &Smooth,
     report: &mut Report,
-    run: &Run,
     folder: &Path,
     quiet: bool,
 ) -> Result<(), Fault> {
-    let evaluation = recording.truth.as_ref().and_then(|truth| evaluate(&smooth.trajectory(), truth, &config.evaluation).ok());
+    let evaluation = pipeline::evaluated(&smooth.trajectory(), recording, config);
     report.smooth = Some(SmoothReport::new(smooth, evaluation.as_ref()));
     pipeline::write_smooth(folder, smooth)?;
-    pipeline::write_outputs(folder, run, report)?;
+    pipeline::write_report(folder, report)?;
     if quiet {
         return Ok(());
     }

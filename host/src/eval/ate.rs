@@ -66,7 +66,7 @@ impl Statistics {
 }
 
 /// Linear interpolation between the order statistics.
-fn percentile(sorted: &[f64], fraction: f64) -> Option<f64> {
+pub(crate) fn percentile(sorted: &[f64], fraction: f64) -> Option<f64> {
     let place = fraction * sorted.len().checked_sub(1)? as f64;
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let (low, high) = (*sorted.get(place.floor() as usize)?, *sorted.get(place.ceil() as usize)?);

@@ -8,6 +8,7 @@ mod rpe;
 mod trajectory;
 
 pub use align::{Alignment, align};
+pub(crate) use ate::percentile;
 pub use ate::{Matched, Statistics, associate, position_errors_m};
 pub use consistency::{PoseWithCovariance, pose_nees, pose_nees_of_each};
 pub use report::{Evaluation, evaluate};

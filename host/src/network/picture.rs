@@ -1,32 +1,22 @@
 //! Depth and uncertainty beside the image, in colours with a legend.
 
 use std::path::Path;
-use std::sync::OnceLock;
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{FontStyle, register_font};
 
 use super::{DepthKind, DepthMap};
 use crate::dataset::GrayImage;
 use crate::fault::{Fault, FaultKind};
+use crate::paint::{self, DEPTH_COLORS, INK, SIGMA_COLORS, SOFT_INK, UNKNOWN, load_font, log_place};
 
-const FONT: &str = "depth";
-const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
-const SOFT_INK: RGBColor = RGBColor(0x60, 0x60, 0x60);
-/// Where nothing is known.
-const UNKNOWN: [u8; 3] = [0x70, 0x70, 0x70];
 /// Width of a panel, space around it, height of the title and of a legend, px.
 const PANEL: u32 = 600;
 const GAP: u32 = 20;
 const HEAD: u32 = 76;
 const LEGEND: u32 = 84;
 const BAR: u32 = 16;
-/// From near to far, and from sure to unsure.
-const DEPTH_COLORS: [[f64; 3]; 5] =
-    [[255.0, 72.0, 48.0], [255.0, 176.0, 32.0], [150.0, 226.0, 84.0], [40.0, 200.0, 205.0], [84.0, 140.0, 255.0]];
-const SIGMA_COLORS: [[f64; 3]; 4] = [[18.0, 16.0, 60.0], [130.0, 30.0, 120.0], [240.0, 100.0, 60.0], [255.0, 240.0, 150.0]];
 /// Numbers that a legend may show.
 const ROUND: [f64; 12] = [1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0];
 
@@ -73,14 +63,14 @@ fn label(pixels: &mut [u8], size: (u32, u32), titles: (&str, &str), scale: &Scal
     load_font()?;
     let said = |error: DrawingAreaErrorKind<_>| error.to_string();
     let paper: Paper<'_> = BitMapBackend::with_buffer(pixels, size).into_drawing_area();
-    paper.draw(&Text::new(titles.0.to_owned(), (20, 12), text(24, INK))).map_err(said)?;
-    paper.draw(&Text::new(titles.1.to_owned(), (20, 46), text(15, SOFT_INK))).map_err(said)?;
+    paper.draw(&Text::new(titles.0.to_owned(), (20, 12), paint::text(24, 1, INK))).map_err(said)?;
+    paper.draw(&Text::new(titles.1.to_owned(), (20, 46), paint::text(15, 1, SOFT_INK))).map_err(said)?;
     let left = |panel: u32| GAP + panel * (PANEL + GAP);
     scale.legend(&paper, (left(1), top), &DEPTH_COLORS)?;
     spread.legend(&paper, (left(2), top), &SIGMA_COLORS)?;
     let below = |line: u32| (left(0).cast_signed(), (top + 12 + line * 22).cast_signed());
-    paper.draw(&Text::new("image", below(0), text(15, SOFT_INK))).map_err(said)?;
-    paper.draw(&Text::new("grey in the other two: nothing known", below(1), text(15, SOFT_INK))).map_err(said)?;
+    paper.draw(&Text::new("image", below(0), paint::text(15, 1, SOFT_INK))).map_err(said)?;
+    paper.draw(&Text::new("grey in the other two: nothing known", below(1), paint::text(15, 1, SOFT_INK))).map_err(said)?;
     paper.present().map_err(said)
 }
 
@@ -141,14 +131,11 @@ impl Scale {
     }
 
     fn place(&self, value: f64) -> f64 {
-        ((value / self.low).ln() / (self.high / self.low).ln()).clamp(0.0, 1.0)
+        log_place(value, [self.low, self.high])
     }
 
     fn color(&self, value: f64, colors: &[[f64; 3]]) -> [u8; 3] {
-        let along = self.place(value) * (colors.len() - 1) as f64;
-        let index = (along as usize).min(colors.len() - 2);
-        let (from, to, share) = (colors[index], colors[index + 1], along - index as f64);
-        [0, 1, 2].map(|k| (from[k] + (to[k] - from[k]) * share).round() as u8)
+        paint::color(self.place(value), colors)
     }
 
     fn legend(&self, paper: &Paper<'_>, (left, top): (u32, u32), colors: &[[f64; 3]]) -> Result<(), String> {
@@ -171,10 +158,10 @@ impl Scale {
             free = x + 40;
             paper.draw(&PathElement::new([(x, top + 8 + bar), (x, top + 13 + bar)], INK)).map_err(said)?;
             let number = if self.percent { format!("{}", round3(value * 100.0)) } else { format!("{}", round3(value)) };
-            let style = text(14, INK).pos(Pos::new(HPos::Center, VPos::Top));
+            let style = paint::text(14, 1, INK).pos(Pos::new(HPos::Center, VPos::Top));
             paper.draw(&Text::new(number, (x, top + 16 + bar), style)).map_err(said)?;
         }
-        paper.draw(&Text::new(self.title.clone(), (left, top + 38 + bar), text(15, SOFT_INK))).map_err(said)
+        paper.draw(&Text::new(self.title.clone(), (left, top + 38 + bar), paint::text(15, 1, SOFT_INK))).map_err(said)
     }
 
     /// Round numbers within the scale, a little away from its ends.
@@ -200,18 +187,6 @@ fn at_raw(pixel: u32, side: u32, raw_side: usize) -> f64 {
 fn grey_at(image: &GrayImage, [x, y]: [f64; 2]) -> u8 {
     let (x, y) = (x.round().max(0.0) as usize, y.round().max(0.0) as usize);
     image.pixels.get(y.min(image.height.saturating_sub(1)) * image.width + x.min(image.width.saturating_sub(1))).copied().unwrap_or(0)
-}
-
-/// Text is drawn with a font that comes with the program: the picture is the same on every machine.
-fn load_font() -> Result<(), String> {
-    static LOADED: OnceLock<bool> = OnceLock::new();
-    let font = include_bytes!("../../assets/DejaVuSans-subset.ttf");
-    let loaded = LOADED.get_or_init(|| register_font(FONT, FontStyle::Normal, font).is_ok());
-    if *loaded { Ok(()) } else { Err("the font is damaged".into()) }
-}
-
-fn text(size: u32, color: RGBColor) -> TextStyle<'static> {
-    (FONT, size).into_font().color(&color)
 }
 
 #[cfg(test)]

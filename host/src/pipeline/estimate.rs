@@ -141,8 +141,8 @@ impl Run {
 ///
 /// # Errors
 /// When no thread can be started. Faults of single inputs are in the results instead.
-pub fn run(recording: &Recording, config: &Config, stop: &AtomicBool, mut observe: impl FnMut(&FrameResult)) -> Result<Run, Fault> {
-    run_to(recording, config, stop, None, Watch::default(), |seen| observe(&seen.result))
+pub fn run(recording: &Recording, config: &Config, stop: &AtomicBool, observe: impl FnMut(&FrameResult)) -> Result<Run, Fault> {
+    run_with_depth(recording, config, None, stop, observe)
 }
 
 /// [`run`] with a source of depth, which works in a thread of its own ahead of the estimator. The results do not depend on how fast it is.
@@ -156,7 +156,7 @@ pub fn run_with_depth(
     stop: &AtomicBool,
     mut observe: impl FnMut(&FrameResult),
 ) -> Result<Run, Fault> {
-    run_to(recording, config, stop, network, Watch::default(), |seen| observe(&seen.result))
+    run_with(recording, config, network, Watch::default(), stop, |frame, _| observe(frame)).map(|(run, _)| run)
 }
 
 /// [`run_with_depth`] for somebody who also wants to see what the estimator saw, or to keep what the map needs of the flight: `watch` says
@@ -191,13 +191,9 @@ pub fn run_watched(
     recording: &Recording,
     config: &Config,
     stop: &AtomicBool,
-    mut observe: impl FnMut(&FrameResult, Option<View>),
+    observe: impl FnMut(&FrameResult, Option<View>),
 ) -> Result<Run, Fault> {
-    let watch = Watch { view: true, ..Watch::default() };
-    run_to(recording, config, stop, None, watch, |seen| {
-        let view = seen.view.take();
-        observe(&seen.result, view);
-    })
+    run_with(recording, config, None, Watch { view: true, ..Watch::default() }, stop, observe).map(|(run, _)| run)
 }
 
 /// What is wanted of every image beside its result.

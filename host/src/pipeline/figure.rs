@@ -1,28 +1,24 @@
 //! The picture of a run: top view, side view, error over time.
 
 use std::path::Path;
-use std::sync::OnceLock;
 
 use nalgebra::Vector3;
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
-use plotters::style::{FontStyle, register_font};
 
-use super::record::{unwritable, write};
+use super::record::write;
 use crate::eval::{Evaluation, Trajectory};
 use crate::fault::{Fault, FaultKind};
+use crate::paint::{INK, SOFT_INK, load_font, text};
 
 const SIZE: (u32, u32) = (1600, 1000);
 pub(super) const ESTIMATE: RGBColor = RGBColor(0x1f, 0x5f, 0xbf);
 pub(super) const TRUTH: RGBColor = RGBColor(0x9a, 0x9a, 0x9a);
 const ERROR: RGBColor = RGBColor(0xc0, 0x39, 0x2b);
-pub(super) const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
-pub(super) const SOFT_INK: RGBColor = RGBColor(0x60, 0x60, 0x60);
 pub(super) const FAINT: RGBColor = RGBColor(0xe6, 0xe6, 0xe6);
 /// Points per piece of a line.
 pub(super) const PIECE: usize = 12;
-const FONT: &str = "sans-serif";
 
 /// What is drawn.
 #[derive(Debug, Clone, Copy)]
@@ -54,7 +50,7 @@ pub fn draw(folder: &Path, figure: &Figure<'_>) -> Result<(), Fault> {
     paint(&BitMapBackend::with_buffer(&mut pixels, (2 * SIZE.0, 2 * SIZE.1)).into_drawing_area(), figure, 2).map_err(failed)?;
     let pixels = halved(&pixels, SIZE);
     let path = folder.join("trajectory.png");
-    image::save_buffer(&path, &pixels, SIZE.0, SIZE.1, image::ColorType::Rgb8).map_err(|error| unwritable(&path, &error))
+    image::save_buffer(&path, &pixels, SIZE.0, SIZE.1, image::ColorType::Rgb8).map_err(|error| Fault::unwritable(&path, &error))
 }
 
 /// The mean of every 2x2 pixels: smooth edges, which the bitmap backend does not draw by itself.
@@ -67,18 +63,6 @@ pub(super) fn halved(pixels: &[u8], (width, height): (u32, u32)) -> Vec<u8> {
         small.push(u8::try_from((sum + 2) / 4).unwrap_or(u8::MAX));
     }
     small
-}
-
-/// Text is drawn with a font that comes with the program: the picture is the same on every machine.
-pub(super) fn load_font() -> Result<(), String> {
-    static LOADED: OnceLock<bool> = OnceLock::new();
-    let font = include_bytes!("../../assets/DejaVuSans-subset.ttf");
-    let loaded = LOADED.get_or_init(|| register_font(FONT, FontStyle::Normal, font).is_ok());
-    if *loaded { Ok(()) } else { Err("the font is damaged".into()) }
-}
-
-pub(super) fn text(size: u32, zoom: u32, color: RGBColor) -> TextStyle<'static> {
-    (FONT, size * zoom).into_font().color(&color)
 }
 
 /// Paints on an area of `zoom` times [`SIZE`].

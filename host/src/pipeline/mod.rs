@@ -11,6 +11,7 @@ mod record;
 mod resources;
 mod sheet;
 mod simulated;
+mod trails;
 mod view;
 
 pub use depth::{DepthResult, DepthTimes, DepthUse};
@@ -19,10 +20,11 @@ pub use figure::{Figure, draw};
 pub use planes_figure::draw_planes;
 pub(crate) use record::nees_over_time;
 pub use record::{
-    Consistency, CoreTiming, DepthFigures, LeftOut, PlanesReport, Report, ScaleFigures, SmoothReport, Timing, prepare_outputs,
-    write_outputs, write_smooth,
+    Consistency, CoreTiming, DepthFigures, LeftOut, PlanesReport, Report, ScaleFigures, SmoothReport, Timing, evaluated, prepare_outputs,
+    write_outputs, write_report, write_smooth,
 };
 pub use resources::rss_peak_mb;
 pub use sheet::ContactSheet;
 pub use simulated::{RenderClock, rendered_recording, tracked_recording};
+pub(crate) use trails::Trails;
 pub use view::{Corner, View};

@@ -7,9 +7,9 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use super::Figure;
-use super::figure::{INK, PIECE, Paths, SOFT_INK, bounds, halved, load_font, mesh, text, thinned};
-use super::record::unwritable;
+use super::figure::{PIECE, Paths, bounds, halved, mesh, thinned};
 use crate::fault::{Fault, FaultKind};
+use crate::paint::{INK, SOFT_INK, load_font, text};
 use crate::planes::{Planes, color_of, name_of};
 
 const SIZE: (u32, u32) = (1600, 860);
@@ -30,7 +30,8 @@ pub fn draw_planes(folder: &Path, figure: &Figure<'_>, planes: &Planes) -> Resul
     let mut pixels = vec![0_u8; (ZOOM * SIZE.0 * ZOOM * SIZE.1 * 3) as usize];
     paint(&BitMapBackend::with_buffer(&mut pixels, (ZOOM * SIZE.0, ZOOM * SIZE.1)).into_drawing_area(), figure, planes).map_err(failed)?;
     let path = folder.join("planes.png");
-    image::save_buffer(&path, &halved(&pixels, SIZE), SIZE.0, SIZE.1, image::ColorType::Rgb8).map_err(|error| unwritable(&path, &error))
+    image::save_buffer(&path, &halved(&pixels, SIZE), SIZE.0, SIZE.1, image::ColorType::Rgb8)
+        .map_err(|error| Fault::unwritable(&path, &error))
 }
 
 fn rgb([red, green, blue]: [u8; 3]) -> RGBColor {

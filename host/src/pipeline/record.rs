@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::{DepthResult, DepthUse, Ended, PoseResult, Refusals, Run, rss_peak_mb};
 use crate::config::{Config, Scalar};
 use crate::dataset::{Layout, Recording, Remark};
-use crate::eval::{Evaluation, Matched, PoseWithCovariance, RelativeError, Statistics, pose_nees_of_each};
+use crate::eval::{Evaluation, Matched, PoseWithCovariance, RelativeError, Statistics, Trajectory, evaluate, pose_nees_of_each};
 use crate::fault::{Fault, FaultKind};
 use crate::map::{EpochReport, Smooth};
 use crate::planes::{Planes, name_of as name_of_class};
@@ -364,12 +364,18 @@ pub(crate) fn nees_over_time(recording: &Recording, config: &Config, run: &Run) 
     Some(stamped.filter_map(|(value, pose)| Some((pose.matched.stamp, value?))).collect())
 }
 
+/// A trajectory against the truth of its recording; `None` where there is none, or they share no time.
+#[must_use]
+pub fn evaluated(estimate: &Trajectory, recording: &Recording, config: &Config) -> Option<Evaluation> {
+    evaluate(estimate, recording.truth.as_ref()?, &config.evaluation).ok()
+}
+
 /// Makes the folder of the results, and finds out before a run whether it can be written to.
 ///
 /// # Errors
 /// When it cannot be made or written to.
 pub fn prepare_outputs(folder: &Path) -> Result<(), Fault> {
-    std::fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
+    std::fs::create_dir_all(folder).map_err(|error| Fault::unwritable(folder, &error))?;
     write(&folder.join("report.json"), "{}\n")
 }
 
@@ -379,15 +385,23 @@ pub fn prepare_outputs(folder: &Path) -> Result<(), Fault> {
 /// # Errors
 /// When the folder or a file cannot be written.
 pub fn write_outputs(folder: &Path, run: &Run, report: &Report) -> Result<(), Fault> {
-    std::fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
-    let json = serde_json::to_string_pretty(report)
-        .map_err(|error| Fault::new(FaultKind::Output, format!("the report cannot be written ({error})"), "report this as an error"))?;
+    std::fs::create_dir_all(folder).map_err(|error| Fault::unwritable(folder, &error))?;
     write(&folder.join("trajectory.tum"), &tum(run.poses()))?;
     write(&folder.join("trajectory.csv"), &euroc(run.poses()))?;
     write(&folder.join("trajectory.kitti"), &kitti(run.poses()))?;
     if run.depth_source.is_some() {
         write(&folder.join("depth_scale.csv"), &depth_scale(run))?;
     }
+    write_report(folder, report)
+}
+
+/// Writes `report.json` into a folder that is there.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn write_report(folder: &Path, report: &Report) -> Result<(), Fault> {
+    let json = serde_json::to_string_pretty(report)
+        .map_err(|error| Fault::new(FaultKind::Output, format!("the report cannot be written ({error})"), "report this as an error"))?;
     write(&folder.join("report.json"), &(json + "\n"))
 }
 
@@ -415,11 +429,7 @@ pub fn write_smooth(folder: &Path, smooth: &Smooth) -> Result<(), Fault> {
 }
 
 pub(super) fn write(path: &Path, text: &str) -> Result<(), Fault> {
-    std::fs::write(path, text).map_err(|error| unwritable(path, &error))
-}
-
-pub(super) fn unwritable(path: &Path, error: &dyn std::fmt::Display) -> Fault {
-    Fault::new(FaultKind::Output, format!("cannot be written ({error})"), "give another folder with --out, or free the disk").at(path)
+    std::fs::write(path, text).map_err(|error| Fault::unwritable(path, &error))
 }
 
 fn tum<'a>(poses: impl Iterator<Item = &'a PoseResult>) -> String {

@@ -1,6 +1,6 @@
 //! One picture of a whole run: images with the corners that were followed, the map from above, height and error over time.
 
-use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use libella_core::time::Timestamp;
@@ -9,11 +9,12 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::figure::{ESTIMATE, FAINT, INK, Paths, SOFT_INK, TRUTH, bounds, halved, load_font, mesh, paint_error, text, thinned};
-use super::record::unwritable;
+use super::figure::{ESTIMATE, FAINT, Paths, TRUTH, bounds, halved, mesh, paint_error, thinned};
+use super::trails::{TRAIL, Trails};
 use super::{Corner, Figure, View};
 use crate::dataset::GrayImage;
 use crate::fault::{Fault, FaultKind};
+use crate::paint::{DEPTH_COLORS, INK, SOFT_INK, color, load_font, log_place, text};
 
 /// Images shown.
 const COLUMNS: u32 = 3;
@@ -27,12 +28,8 @@ const LEGEND: u32 = 40;
 const PLOTS: u32 = 470;
 /// Painted at twice the size and averaged: smooth edges.
 const ZOOM: u32 = 2;
-/// Images that a trail reaches back.
-const TRAIL: usize = 11;
 /// Depths at the two ends of the colours, m.
 const DEPTHS_M: [f64; 2] = [1.0, 6.0];
-/// From near to far.
-const COLORS: [[f64; 3]; 5] = [[255.0, 72.0, 48.0], [255.0, 176.0, 32.0], [150.0, 226.0, 84.0], [40.0, 200.0, 205.0], [84.0, 140.0, 255.0]];
 
 /// Gathers what the sheet shows while a run goes on.
 #[derive(Debug)]
@@ -41,8 +38,7 @@ pub struct ContactSheet {
     wanted: Vec<usize>,
     images: usize,
     begun: Option<Timestamp>,
-    /// Where each corner of the last image was before, oldest first.
-    trails: HashMap<TrackId, VecDeque<[f64; 2]>>,
+    trails: Trails,
     /// The newest estimate of every landmark, in the estimator's world, m.
     landmarks: BTreeMap<TrackId, Vector3<f64>>,
     tiles: Vec<Tile>,
@@ -62,27 +58,20 @@ impl ContactSheet {
         // The first one not before the start has been found in most runs, the last one near the end.
         let tiles = (COLUMNS * ROWS) as usize;
         let wanted = (0..tiles).map(|tile| images * (3 * tile + 3) / (3 * tiles + 1)).collect();
-        Self { wanted, images: 0, begun: None, trails: HashMap::new(), landmarks: BTreeMap::new(), tiles: Vec::new() }
+        Self { wanted, images: 0, begun: None, trails: Trails::default(), landmarks: BTreeMap::new(), tiles: Vec::new() }
     }
 
     /// Takes in one image of the run; they come in order.
     pub fn add(&mut self, stamp: Timestamp, view: View) {
         let begun = *self.begun.get_or_insert(stamp);
-        let mut before = std::mem::take(&mut self.trails);
+        self.trails.follow(&view);
         for corner in &view.corners {
-            let mut trail = before.remove(&corner.track).unwrap_or_default();
-            trail.push_back(corner.pixel);
-            if trail.len() > TRAIL {
-                trail.pop_front();
-            }
-            self.trails.insert(corner.track, trail);
             self.landmarks.extend(corner.point_in_world.map(|point| (corner.track, point)));
         }
         if self.wanted.contains(&self.images)
             && let Some(image) = view.image
         {
-            let trail = |corner: &Corner| self.trails.get(&corner.track).map(|trail| trail.iter().copied().collect()).unwrap_or_default();
-            let corners = view.corners.iter().map(|corner| (*corner, trail(corner))).collect();
+            let corners = view.corners.iter().map(|corner| (*corner, self.trails.of(corner.track))).collect();
             self.tiles.push(Tile { seconds: (stamp - begun).as_seconds(), image, corners });
         }
         self.images += 1;
@@ -202,13 +191,7 @@ impl Tile {
 
 /// Logarithmic between the ends: a step of colour is a factor of distance.
 fn color_of_depth(depth_m: f64) -> RGBColor {
-    let [near, far] = DEPTHS_M;
-    let place = ((depth_m / near).ln() / (far / near).ln()).clamp(0.0, 1.0) * (COLORS.len() - 1) as f64;
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let index = (place as usize).min(COLORS.len() - 2);
-    let part = place - index as f64;
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let [r, g, b] = [0, 1, 2].map(|channel| ((1.0 - part) * COLORS[index][channel] + part * COLORS[index + 1][channel]).round() as u8);
+    let [r, g, b] = color(log_place(depth_m, DEPTHS_M), &DEPTH_COLORS);
     RGBColor(r, g, b)
 }
 
@@ -315,8 +298,8 @@ fn write_png(path: &Path, pixels: &[u8], (width, height): (u32, u32)) -> Result<
     let mut bytes = Vec::new();
     PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive)
         .write_image(pixels, width, height, image::ExtendedColorType::Rgb8)
-        .map_err(|error| unwritable(path, &error))?;
-    std::fs::write(path, bytes).map_err(|error| unwritable(path, &error))
+        .map_err(|error| Fault::unwritable(path, &error))?;
+    std::fs::write(path, bytes).map_err(|error| Fault::unwritable(path, &error))
 }
 
 #[cfg(test)]
@@ -368,8 +351,8 @@ mod tests {
     #[test]
     fn trails_follow_their_corner_and_end_with_it() {
         let mut sheet = sheet(30);
-        assert_eq!(sheet.trails[&TrackId(0)].iter().map(|pixel| pixel[0]).collect::<Vec<_>>()[..2], [119.0, 120.0]);
-        assert_eq!(sheet.trails[&TrackId(0)].len(), TRAIL);
+        assert_eq!(sheet.trails.of(TrackId(0)).iter().map(|pixel| pixel[0]).collect::<Vec<_>>()[..2], [119.0, 120.0]);
+        assert_eq!(sheet.trails.of(TrackId(0)).len(), TRAIL);
         sheet.add(Timestamp::from_nanos(2_000_000_000), View { image: None, corners: Vec::new(), depth: None });
         assert!(sheet.trails.is_empty());
     }

@@ -73,10 +73,7 @@ pub fn write(folder: &Path, planes: &Planes) -> Result<(), Fault> {
         .map_err(|error| Fault::new(FaultKind::Output, format!("the planes cannot be written ({error})"), "report this as an error"))?;
     for (name, text) in [("planes.json", json + "\n"), ("points.ply", ply(planes))] {
         let path = folder.join(name);
-        std::fs::write(&path, text).map_err(|error| {
-            Fault::new(FaultKind::Output, format!("cannot be written ({error})"), "give another folder with --out, or free the disk")
-                .at(&path)
-        })?;
+        std::fs::write(&path, text).map_err(|error| Fault::unwritable(&path, &error))?;
     }
     Ok(())
 }

@@ -11,6 +11,7 @@ use super::page::document;
 use super::space::overlay;
 use super::verdict::{Light, figures, stretches, verdict};
 use super::words::variant;
+use crate::eval::percentile;
 
 /// Runs that curves are drawn of in one chart.
 const MOST_CURVES: usize = 8;
@@ -132,7 +133,7 @@ fn boxes(groups: &[Group<'_>], pointer: &str, factor: f64, unit: &str) -> String
         let mut rows = String::new();
         for (place, (name, outputs)) in group.variants.iter().enumerate() {
             let values = of(outputs);
-            let Some(median) = quantile(&values, 0.5) else {
+            let Some(median) = percentile(&values, 0.5) else {
                 let _ = write!(
                     rows,
                     "<div class=\"row\"><span class=\"name\">{}</span><span class=\"bar\"></span><span>–</span></div>",
@@ -142,7 +143,7 @@ fn boxes(groups: &[Group<'_>], pointer: &str, factor: f64, unit: &str) -> String
             };
             let at = |value: f64| 100.0 * value / most;
             let mut marks = String::new();
-            if let (4.., Some(low), Some(high)) = (values.len(), quantile(&values, 0.25), quantile(&values, 0.75)) {
+            if let (4.., Some(low), Some(high)) = (values.len(), percentile(&values, 0.25), percentile(&values, 0.75)) {
                 let (first, last) = (values.first().copied().unwrap_or(low), values.last().copied().unwrap_or(high));
                 let mut mark = |class: &str, from: f64, to: f64| {
                     let _ = write!(marks, "<i class=\"{class}\" style=\"left:{:.2}%;width:{:.2}%\"></i>", at(from), at(to) - at(from));
@@ -176,14 +177,6 @@ fn boxes(groups: &[Group<'_>], pointer: &str, factor: f64, unit: &str) -> String
         );
     }
     html
-}
-
-/// Linear interpolation between the order statistics.
-fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
-    let place = share * sorted.len().checked_sub(1)? as f64;
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let (low, high) = (*sorted.get(place.floor() as usize)?, *sorted.get(place.ceil() as usize)?);
-    Some(low + (high - low) * place.fract())
 }
 
 /// The ways and the errors of the runs on one recording.

@@ -77,5 +77,5 @@ pub fn write_comparison(folders: &[PathBuf], path: &Path) -> Result<(), Fault> {
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Fault> {
-    std::fs::write(path, text).map_err(|error| snapshots::unwritable(path, &error))
+    std::fs::write(path, text).map_err(|error| Fault::unwritable(path, &error))
 }

@@ -1,6 +1,6 @@
 //! A handful of images with what the estimator saw in them, taken while a run goes on and kept in `views/` of its output folder.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::VecDeque;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -8,14 +8,14 @@ use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
 use libella_core::estimator::Health;
 use libella_core::time::Timestamp;
-use libella_core::track::TrackId;
 use serde::{Deserialize, Serialize};
 
 use super::frames::name_of;
 use crate::dataset::GrayImage;
-use crate::fault::{Fault, FaultKind};
+use crate::fault::Fault;
 use crate::network::DepthMap;
-use crate::pipeline::{FrameResult, View};
+use crate::paint::{DEPTH_COLORS, SIGMA_COLORS, UNKNOWN, color, log_place};
+use crate::pipeline::{FrameResult, Trails, View};
 use crate::planes::name_of as name_of_plane;
 
 /// Images over the whole run, and images at which tracking broke down.
@@ -25,17 +25,10 @@ const BREAKDOWNS: usize = 2;
 const STEADY: usize = 20;
 /// How long an image waits for one that has a depth, in images.
 const PATIENCE: usize = 20;
-/// Images that a trail reaches back.
-const TRAIL: usize = 11;
 /// Width of the pictures, px.
 const WIDTH: usize = 480;
 const MAP_WIDTH: usize = 240;
 const QUALITY: u8 = 72;
-/// From near to far, and from sure to unsure.
-const DEPTH_COLORS: [[f64; 3]; 5] =
-    [[255.0, 72.0, 48.0], [255.0, 176.0, 32.0], [150.0, 226.0, 84.0], [40.0, 200.0, 205.0], [84.0, 140.0, 255.0]];
-const SIGMA_COLORS: [[f64; 3]; 4] = [[18.0, 16.0, 60.0], [130.0, 30.0, 120.0], [240.0, 100.0, 60.0], [255.0, 240.0, 150.0]];
-const UNKNOWN: [u8; 3] = [0x70; 3];
 
 /// One entry of `views.json`. The names of the fields are an interface: they stay.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -83,7 +76,7 @@ pub struct Snapshots {
     /// Images tracked in a row so far.
     tracked: usize,
     breakdowns: usize,
-    trails: HashMap<TrackId, VecDeque<[f64; 2]>>,
+    trails: Trails,
     /// Whether any image had a depth so far.
     has_depth: bool,
     taken: Vec<Snapshot>,
@@ -103,7 +96,7 @@ impl Snapshots {
         let index = self.images;
         self.images += 1;
         let begun = *self.begun.get_or_insert(frame.stamp);
-        self.follow(view);
+        self.trails.follow(view);
         self.has_depth |= view.depth.is_some();
         let tracked = if frame.health == Health::Tracking { self.tracked + 1 } else { 0 };
         let broke_down = std::mem::replace(&mut self.tracked, tracked) >= STEADY && tracked == 0;
@@ -119,18 +112,6 @@ impl Snapshots {
         }
         if due || breakdown {
             self.take(frame, (frame.stamp - begun).as_seconds(), image, view);
-        }
-    }
-
-    fn follow(&mut self, view: &View) {
-        let mut before = std::mem::take(&mut self.trails);
-        for corner in &view.corners {
-            let mut trail = before.remove(&corner.track).unwrap_or_default();
-            trail.push_back(corner.pixel);
-            if trail.len() > TRAIL {
-                trail.pop_front();
-            }
-            self.trails.insert(corner.track, trail);
         }
     }
 
@@ -161,7 +142,7 @@ impl Snapshots {
         );
         let rounded = |pixel: &[f64; 2]| pixel.map(|value| (value * 10.0).round() / 10.0);
         let corners = view.corners.iter().map(|corner| Seen {
-            trail_px: self.trails.get(&corner.track).map(|trail| trail.iter().map(rounded).collect()).unwrap_or_default(),
+            trail_px: self.trails.of(corner.track).iter().map(rounded).collect(),
             depth_m: corner.depth_m.map(|depth| (depth * 1e3).round() / 1e3),
             plane: corner.plane.map(|class| name_of_plane(class).to_owned()),
         });
@@ -190,17 +171,13 @@ impl Snapshots {
         let json = serde_json::to_string(&self.taken).unwrap_or_default() + "\n";
         let files = self.pictures.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice()));
         let files = files.chain([("views.json", json.as_bytes())]);
-        std::fs::create_dir_all(&views).map_err(|error| unwritable(&views, &error))?;
+        std::fs::create_dir_all(&views).map_err(|error| Fault::unwritable(&views, &error))?;
         for (name, bytes) in files {
             let path = views.join(name);
-            std::fs::write(&path, bytes).map_err(|error| unwritable(&path, &error))?;
+            std::fs::write(&path, bytes).map_err(|error| Fault::unwritable(&path, &error))?;
         }
         Ok(())
     }
-}
-
-pub(super) fn unwritable(path: &Path, error: &std::io::Error) -> Fault {
-    Fault::new(FaultKind::Output, format!("cannot be written ({error})"), "give another folder with --out, or free the disk").at(path)
 }
 
 fn jpeg(pixels: &[u8], (width, height): (usize, usize), color: ExtendedColorType) -> Option<Vec<u8>> {
@@ -250,17 +227,9 @@ fn colored(
     let high = high.max(low * 1.2);
     let mut pixels = Vec::with_capacity(3 * values.len());
     for value in values {
-        pixels.extend(value.map_or(UNKNOWN, |value| color(((value / low).ln() / (high / low).ln()).clamp(0.0, 1.0), colors)));
+        pixels.extend(value.map_or(UNKNOWN, |value| color(log_place(value, [low, high]), colors)));
     }
     Some((jpeg(&pixels, (width, height), ExtendedColorType::Rgb8)?, [low, high]))
-}
-
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-fn color(place: f64, colors: &[[f64; 3]]) -> [u8; 3] {
-    let along = place * (colors.len() - 1) as f64;
-    let index = (along as usize).min(colors.len() - 2);
-    let part = along - index as f64;
-    [0, 1, 2].map(|channel| ((1.0 - part) * colors[index][channel] + part * colors[index + 1][channel]).round() as u8)
 }
 
 #[cfg(test)]

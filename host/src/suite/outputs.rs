@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::{RunResult, Style, Summary, Variant};
 use crate::config::Config;
-use crate::fault::{Fault, FaultKind};
+use crate::fault::Fault;
 
 /// `suite.json`. The names of the fields are an interface: they stay.
 #[derive(Serialize)]
@@ -129,10 +129,7 @@ pub fn write_outputs(folder: &Path, summary: &Summary<'_>) -> Result<String, Fau
         [("table.md", summary.render(Style::Markdown)), ("runs.csv", csv(&summary.outcome.results)), ("suite.json", json.clone())]
     {
         let path = folder.join(name);
-        std::fs::write(&path, text).map_err(|error| {
-            let what = format!("cannot be written ({error})");
-            Fault::new(FaultKind::Output, what, "give another folder with --out, or free the disk").at(&path)
-        })?;
+        std::fs::write(&path, text).map_err(|error| Fault::unwritable(&path, &error))?;
     }
     Ok(json)
 }

@@ -10,8 +10,7 @@ use super::stored::{Maps, Stored};
 use super::{Plan, PreparedSequence, Variant, fingerprint};
 use crate::config::Config;
 use crate::dataset;
-use crate::eval::evaluate;
-use crate::fault::{Fault, FaultKind};
+use crate::fault::Fault;
 use crate::network::{DepthNetwork, ModelChoice};
 use crate::pipeline::{self, Ended, Report};
 
@@ -156,7 +155,7 @@ impl Job {
             Ended::Failed(said) => said.clone(),
         };
         let estimate = run.trajectory();
-        let evaluation = recording.truth.as_ref().and_then(|truth| evaluate(&estimate, truth, &self.config.evaluation).ok());
+        let evaluation = pipeline::evaluated(&estimate, &recording, &self.config);
         let report = Report::new(&recording, &self.config, &run, evaluation.as_ref());
         let finite = |value: Option<f64>| value.filter(|value| value.is_finite());
         let truths = self.sequence.other_truths.iter();
@@ -200,14 +199,11 @@ impl Job {
 
 /// Writes a result and reads it back, so that a table is the same whether its runs were made now or before.
 fn keep(file: &Path, result: &RunResult) -> Result<RunResult, Fault> {
-    let unwritable = |reason: String| {
-        Fault::new(FaultKind::Output, format!("cannot be written ({reason})"), "give another folder with --out, or free the disk").at(file)
-    };
-    let text = serde_json::to_string_pretty(result).map_err(|error| unwritable(error.to_string()))? + "\n";
+    let text = serde_json::to_string_pretty(result).map_err(|error| Fault::unwritable(file, &error))? + "\n";
     // Under its own name only when it is whole: a result that is cut off is none.
     let part = file.with_extension("part");
-    std::fs::write(&part, &text).and_then(|()| std::fs::rename(&part, file)).map_err(|error| unwritable(error.to_string()))?;
-    serde_json::from_str(&text).map_err(|error| unwritable(error.to_string()))
+    std::fs::write(&part, &text).and_then(|()| std::fs::rename(&part, file)).map_err(|error| Fault::unwritable(file, &error))?;
+    serde_json::from_str(&text).map_err(|error| Fault::unwritable(file, &error))
 }
 
 /// A name that every file system takes.

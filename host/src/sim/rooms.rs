@@ -65,6 +65,12 @@ impl RoomsConfig {
     }
 }
 
+/// Share of the rooms of flights that are halls.
+const HALL_SHARE: f64 = 0.2;
+/// Share of the rooms with exchanged covers where all of those are printed: nothing there has a usual size but the room itself.
+const PRINT_SHARE: f64 = 0.3;
+const PRINTS: [Material; 3] = [Material::Poster, Material::PlayMat, Material::Cardboard];
+
 /// One view of a room.
 #[derive(Debug, Clone)]
 pub struct RoomView {
@@ -134,8 +140,9 @@ fn normalised_intrinsics(camera: &PinholeRadTan<f64>) -> [f64; 4] {
 /// A room, what is in it and where cameras go (nothing: anywhere).
 fn furnished(random: &mut Random, flight_share: f64, seed: u64) -> Result<(RoomConfig, Scene, Vec<Vector3<f64>>), SimError> {
     if random.unit() < flight_share {
-        let path = swept_path(random);
-        let room = RoomConfig::vicon(&path);
+        let in_hall = random.unit() < HALL_SHARE;
+        let path = swept_path(random, if in_hall { random.between(1.5, 3.5) } else { 1.0 });
+        let room = if in_hall { RoomConfig::hall(&path) } else { RoomConfig::vicon(&path) };
         let mut scene = Scene::room(&room, &path, mix(seed))?;
         if random.unit() < 0.25 {
             vary(&mut scene, random);
@@ -161,21 +168,24 @@ fn furnished(random: &mut Random, flight_share: f64, seed: u64) -> Result<(RoomC
     Ok((room, scene, Vec::new()))
 }
 
-/// The way of a flight: sums of two sinusoids per axis, as the analytic motions are.
-fn swept_path(random: &mut Random) -> Vec<Vector3<f64>> {
+/// The way of a flight, `stretch` times as far as in a Vicon room: sums of two sinusoids per axis, as the analytic motions are. Now and
+/// then it starts or ends near the floor.
+fn swept_path(random: &mut Random, stretch: f64) -> Vec<Vector3<f64>> {
+    let (height, climb) = (random.between(0.9, 1.8) * stretch.sqrt(), random.between(0.2, 0.8) * stretch);
     let mut axis = |middle: f64, reach: f64| {
         let parts = [0, 1].map(|_| (random.between(0.3, 1.0) * reach, random.between(0.2, 1.2), random.between(0.0, 6.3)));
         move |time: f64| middle + parts.iter().map(|(size, rate, phase)| 0.6 * size * (rate * time + phase).sin()).sum::<f64>()
     };
-    let (x, y, z) = (axis(0.0, 2.6), axis(0.0, 2.6), axis(1.4, 0.5));
-    (0..150).map(|k| f64::from(k) * 0.4).map(|time| Vector3::new(x(time), y(time), z(time).max(0.45))).collect()
+    let (x, y, z) = (axis(0.0, 2.6 * stretch), axis(0.0, 2.6 * stretch), axis(height, climb));
+    (0..150).map(|k| f64::from(k) * 0.4).map(|time| Vector3::new(x(time), y(time), z(time).max(0.36))).collect()
 }
 
 /// Exchanges covers, and patches some of the large rectangles from tiles.
 fn vary(scene: &mut Scene, random: &mut Random) {
     let share = random.between(0.1, 1.0);
     // A few covers per room, so that rooms differ from each other and not only pieces within them.
-    let palette: Vec<Material> = (0..1 + random.below(5)).map(|_| Material::ALL[random.below(Material::ALL.len())]).collect();
+    let covers: &[Material] = if random.unit() < PRINT_SHARE { &PRINTS } else { &Material::ALL };
+    let palette: Vec<Material> = (0..1 + random.below(5)).map(|_| covers[random.below(covers.len())]).collect();
     let mut quads = Vec::with_capacity(scene.quads.len());
     for mut quad in scene.quads.drain(..) {
         if quad.material == Material::Checkerboard || random.unit() > share {

@@ -141,7 +141,8 @@ fn normalised_intrinsics(camera: &PinholeRadTan<f64>) -> [f64; 4] {
 fn furnished(random: &mut Random, flight_share: f64, seed: u64) -> Result<(RoomConfig, Scene, Vec<Vector3<f64>>), SimError> {
     if random.unit() < flight_share {
         let in_hall = random.unit() < HALL_SHARE;
-        let path = swept_path(random, if in_hall { random.between(1.5, 3.5) } else { 1.0 });
+        let stretch = if in_hall { random.between(1.5, 3.5) } else { 1.0 };
+        let path = swept_path(random, stretch);
         let room = if in_hall { RoomConfig::hall(&path) } else { RoomConfig::vicon(&path) };
         let mut scene = Scene::room(&room, &path, mix(seed))?;
         if random.unit() < 0.25 {

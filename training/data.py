@@ -26,17 +26,23 @@ class Rooms:
     """Folders written by `libella rooms`, read on demand."""
 
     def __init__(self, folders: list[Path]):
-        self.parts = []
-        for folder in folders:
+        self.waiting, self.parts = list(folders), []
+        if not self.more():
+            raise SystemExit(f"{[str(folder) for folder in folders]}: no rendered rooms; make them with `libella rooms`")
+
+    def more(self) -> int:
+        """Takes in folders that have been finished since, and says how many."""
+        before = len(self.parts)
+        for folder in list(self.waiting):
             try:
-                images, depths, views = (np.load(folder / f"{name}.npy", mmap_mode="r") for name in ("images", "depth_m", "views"))
+                part = tuple(np.load(folder / f"{name}.npy", mmap_mode="r") for name in ("images", "depth_m", "views"))
             except (OSError, ValueError, EOFError):
                 continue  # still being written
-            if len(images):
-                self.parts.append((images, depths, views))
-        if not self.parts:
-            raise SystemExit(f"{folders}: no rendered rooms; make them with `libella rooms`")
+            if len(part[0]) and len({len(array) for array in part}) == 1:
+                self.parts.append(part)
+                self.waiting.remove(folder)
         self.ends = np.cumsum([len(part[0]) for part in self.parts])
+        return len(self.parts) - before
 
     def __len__(self) -> int:
         return int(self.ends[-1])
@@ -198,7 +204,7 @@ def rgbd(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.stack(images), np.stack(depths).astype(np.float32)
 
 
-def simulated(folder: Path, every: int = 5) -> tuple[np.ndarray, np.ndarray]:
+def simulated(folder: Path, every: int = 10) -> tuple[np.ndarray, np.ndarray]:
     """Images of a recording of `libella simulate` with exact depth."""
     images, depths = [], []
     for path in sorted((folder / "mav0/cam0/data").iterdir())[::every]:

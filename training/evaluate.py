@@ -5,6 +5,8 @@
     evaluate.py --model ../host/models/euroc.onnx --euroc V1_01_keyframes --split interleaved
     evaluate.py --model run/euroc.pt --euroc V1_01_keyframes --part choose --fit   # the factor of u
 
+`factor` is ln (true / predicted) of an image as a whole, median over its pixels: mean over images, and how it varies between them.
+
 Sets: rendered rooms and flights of other seeds; real keyframes kept out of training, against semi-global matching; semi-real sequences of
 another renderer, exact; RGB-D images of another camera.
 """
@@ -55,9 +57,8 @@ def sets(args):
     for folder in args.rooms:
         rooms = Rooms([folder])
         yield f"rooms {folder.name}", *rooms.take(np.arange(len(rooms)))
-    if args.simulated:
-        parts = [simulated(folder) for folder in args.simulated]
-        yield "simulated flights", np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+    for folder in args.simulated:
+        yield f"flight {folder.name}", *simulated(folder)
     if args.euroc:
         stereo = Stereo(args.euroc, args.cache)
         indices = range(len(stereo.pairs)) if args.split == "all" else split(len(stereo.pairs), args.split)[args.part]
@@ -80,7 +81,7 @@ def main():
     parser.add_argument("--part", default="score", choices=("score", "choose", "train"))
     parser.add_argument("--more", type=Path, nargs="*", default=[], help="EuRoC folders all of whose pairs are scored")
     parser.add_argument("--semi-real", type=Path, nargs="*", default=[])
-    parser.add_argument("--simulated", type=Path, nargs="*", default=[], help="recordings of `libella simulate`, scored together")
+    parser.add_argument("--simulated", type=Path, nargs="*", default=[], help="recordings of `libella simulate` with depth, each by itself")
     parser.add_argument("--rgbd", type=Path)
     parser.add_argument("--sigma-per-u", type=float, help="otherwise from the .toml beside the model, or 1.148 (Laplace)")
     parser.add_argument("--fit", action="store_true", help="also print the factor that calibrates this set")
@@ -92,13 +93,13 @@ def main():
     factor = args.sigma_per_u or (tomllib.loads(card.read_text())["sigma_per_u"] if card.exists() else metrics.laplace_quantile(0.6827))
     results = {}
     print(f"{args.model.name}, sigma of log depth = {factor:.3f} u")
-    print("set                              n  AbsRel+-error (aligned)  RMSE  d<1.25 (aligned) const.  AUSE/random (pooled)  coverage 50 68 90 95")
+    print("set                              n  AbsRel+-error (aligned)  RMSE  d<1.25 (aligned) const.  factor+-sigma  AUSE/random (pooled)  coverage 50 68 90 95")
     for name, images, reference in sets(args):
         depth, u = predict(images)
         f = metrics.depth_figures(depth, reference) | metrics.uncertainty_figures(depth, u, reference, factor)
         results[name] = f
         print(f"{name:30s} {f['images']:4d}  {f['abs_rel']:.3f}+-{f['abs_rel_error']:.3f} ({f['abs_rel_aligned']:.3f})    {f['rmse_m']:.2f}  {f['delta']:.3f} "
-              f"({f['delta_aligned']:.3f})  {f['abs_rel_constant']:.2f}   {f['ause']:.3f}/{f['ause_random']:.3f}={f['ause_ratio']:.2f} ({f['ause_ratio_pooled']:.2f})  "
+              f"({f['delta_aligned']:.3f})  {f['abs_rel_constant']:.2f}   {f['factor']:+.3f}+-{f['factor_sigma']:.3f}  {f['ause']:.3f}/{f['ause_random']:.3f}={f['ause_ratio']:.2f} ({f['ause_ratio_pooled']:.2f})  "
               f"{f['coverage_50']:.2f} {f['coverage_68']:.2f} {f['coverage_90']:.2f} {f['coverage_95']:.2f}", flush=True)
         if args.fit:
             f["sigma_per_u"] = metrics.fitted_sigma_per_u(depth, u, reference)

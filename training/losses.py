@@ -8,14 +8,17 @@ import torch
 from torch.nn import functional as F
 
 
-def supervised(log_depth, u, depth, weights=(1.0, 0.5, 1.0)) -> torch.Tensor:
-    """Mean over known depths of `nll * (|r|/u + log u) + gradient * |grad r| + plain * |r|`. Depth 0 is unknown."""
-    nll, gradient, plain = weights
+def supervised(log_depth, u, depth, weights=(1.0, 0.5, 1.0, 0.0)) -> torch.Tensor:
+    """Mean over known depths of `nll * (|r|/u + log u) + gradient * |grad r| + plain * |r|`, and over images of `scale` times
+    their |mean r|: the factor that an image is off by. Depth 0 is unknown."""
+    nll, gradient, plain, *scale = weights
     known = depth > 0
     r = torch.where(known, log_depth - torch.log(depth.clamp(min=1e-3)), torch.zeros_like(depth))
     count = known.sum().clamp(min=1)
     loss = nll * (torch.where(known, r.abs() / u + torch.log(u), torch.zeros_like(r))).sum() / count
     loss = loss + plain * r.abs().sum() / count
+    if scale and scale[0] > 0:
+        loss = loss + scale[0] * (r.sum((1, 2, 3)) / known.sum((1, 2, 3)).clamp(min=1)).abs().mean()
     if gradient > 0:
         for step in (1, 4):
             for axis in (2, 3):

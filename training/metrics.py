@@ -26,7 +26,9 @@ def depth_figures(depth: np.ndarray, reference: np.ndarray) -> dict[str, float]:
         rows.append(row)
     names = ("abs_rel", "rmse_m", "delta", "abs_rel_aligned", "rmse_m_aligned", "delta_aligned")
     figures = dict(zip(names, np.mean(rows, 0).tolist()))
-    figures["scale_sigma"] = float(np.std(np.log(scales)))
+    # The factor that an image is off by, ln (true / predicted): what it is on the whole, and how it varies between images.
+    figures["factor"] = float(np.mean(np.log(scales)))
+    figures["factor_sigma"] = float(np.std(np.log(scales)))
     figures["images"] = len(rows)
     # How far another draw of images would be off.
     figures["abs_rel_error"] = float(np.std([row[0] for row in rows]) / len(rows) ** 0.5)

@@ -96,5 +96,40 @@ def folded(network: DepthNetwork) -> DepthNetwork:
     return network
 
 
+def unfolded(network: DepthNetwork, file, images: torch.Tensor) -> None:
+    """Weights of an exported network. Its normalisations are gone, so new ones are put in that change nothing on these images."""
+    import onnx
+
+    model = onnx.load(str(file))
+    weights = {entry.name: torch.from_numpy(onnx.numpy_helper.to_array(entry).copy()) for entry in model.graph.initializer}
+    missing = [name for name, _ in folded(network).named_parameters() if name not in weights]
+    if missing:
+        raise SystemExit(f"{file}: has no {missing[0]}; it is no network of this kind")
+    hooks = []
+
+    def keep(norm, inputs, bias):
+        mean, variance = inputs[0].mean((0, 2, 3)), inputs[0].var((0, 2, 3), unbiased=False)
+        norm.running_mean.copy_(mean)
+        norm.running_var.copy_(variance)
+        norm.weight.copy_((variance + norm.eps).sqrt())
+        norm.bias.copy_(mean + bias)
+
+    with torch.no_grad():
+        for name, module in network.named_modules():
+            if isinstance(module, nn.Conv2d):
+                module.weight.copy_(weights[f"{name}.weight"])
+                if module.bias is not None:
+                    module.bias.copy_(weights[f"{name}.bias"])
+            elif isinstance(module, nn.BatchNorm2d):
+                bias = weights[f"{name[: name.rindex('.')]}.0.bias"]
+                hooks.append(module.register_forward_pre_hook(lambda norm, inputs, bias=bias: keep(norm, inputs, bias)))
+        was = network.training
+        network.eval()
+        network(images)
+        network.train(was)
+    for hook in hooks:
+        hook.remove()
+
+
 def parameters(network: nn.Module) -> int:
     return sum(parameter.numel() for parameter in network.parameters())

@@ -90,11 +90,14 @@ def block_depth(depth: np.ndarray, rows: int, columns: int, least: float = 0.4) 
     """Median of the known depths in every block of a raw map; 0 where fewer than a share of them are known."""
     height, width = depth.shape
     y, x = np.linspace(0, height, rows + 1).astype(int), np.linspace(0, width, columns + 1).astype(int)
-    out = np.zeros((rows, columns), np.float32)
-    for i in range(rows):
-        for j in range(columns):
-            cell = depth[y[i] : y[i + 1], x[j] : x[j + 1]]
-            known = cell[cell > 0]
-            if known.size >= least * cell.size:
-                out[i, j] = np.median(known)
-    return out
+    # Blocks differ by a pixel in size: those of the largest are looked up, and what lies outside a block is unknown.
+    (i, inside_i), (j, inside_j) = (
+        ((at := edge[:-1, None] + np.arange(np.diff(edge).max())).clip(max=edge[-1] - 1), at < edge[1:, None]) for edge in (y, x)
+    )
+    cells = depth[i[:, None, :, None], j[None, :, None, :]].reshape(rows, columns, -1)
+    inside = (inside_i[:, None, :, None] & inside_j[None, :, None, :]).reshape(cells.shape)
+    cells = np.sort(np.where(inside & (cells > 0), cells, np.inf), axis=-1)
+    count = np.isfinite(cells).sum(-1)
+    middle = [np.take_along_axis(cells, np.maximum(count - k, 0)[..., None] // 2, -1)[..., 0] for k in (0, 1)]
+    enough = (count > 0) & (count >= least * inside.sum(-1))
+    return np.where(enough, (middle[0] + middle[1]) / 2, 0).astype(np.float32)

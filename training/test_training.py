@@ -1,6 +1,9 @@
 """What can be known without data: `python -m unittest` in this folder, half a minute."""
 
+import tempfile
 import unittest
+import warnings
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,8 +14,8 @@ import losses
 import metrics
 from camera import CANONICAL, EUROC, HEIGHT, WIDTH
 from data import boxes_depth, split, turned
-from network import DepthNetwork, folded
-from stereo import Matcher
+from network import DepthNetwork, folded, unfolded
+from stereo import Matcher, block_depth
 
 
 def painted(points: np.ndarray) -> np.ndarray:
@@ -95,6 +98,16 @@ class Losses(unittest.TestCase):
         known = torch.where(depth > 0, torch.log(depth.clamp(min=1e-3)), log_depth)
         self.assertEqual(losses.supervised(known, torch.full_like(depth, 0.5), depth, (0, 1, 1)).item(), 0.0)
 
+    def test_a_common_factor_of_an_image_costs_extra(self):
+        depth = torch.ones(2, 1, 8, 8)
+        zeros, u = torch.zeros_like(depth), torch.full_like(depth, 0.5)
+        checker = torch.ones_like(depth)
+        checker[..., ::2] = -1
+        scale = lambda r: losses.supervised(r, u, depth, (0, 0, 0, 1)).item()
+        self.assertEqual(scale(zeros), 0.0)
+        self.assertAlmostEqual(scale(0.3 * checker), 0.0, places=6)
+        self.assertAlmostEqual(scale(zeros - 0.3), 0.3, places=6)
+
     def test_a_warp_to_the_other_eye_of_a_wall_shows_that_eyes_image(self):
         small = CANONICAL
         motion = np.linalg.inv(EUROC[1].body_from_camera) @ EUROC[0].body_from_camera
@@ -138,6 +151,21 @@ class Figures(unittest.TestCase):
         figures = metrics.depth_figures(1.2 * reference, reference)
         self.assertAlmostEqual(figures["abs_rel"], 0.2)
         self.assertAlmostEqual(figures["abs_rel_aligned"], 0.0)
+        self.assertAlmostEqual(figures["factor"], -np.log(1.2))
+        self.assertAlmostEqual(figures["factor_sigma"], 0.0)
+
+    def test_block_medians_are_those_of_each_block(self):
+        draw = np.random.default_rng(2)
+        depth = draw.uniform(1, 5, (97, 161)).astype(np.float32)
+        depth[draw.random(depth.shape) < 0.5] = 0
+        rows, columns, least = 12, 20, 0.5
+        y, x = np.linspace(0, 97, rows + 1).astype(int), np.linspace(0, 161, columns + 1).astype(int)
+        got = block_depth(depth, rows, columns, least)
+        for i in range(rows):
+            for j in range(columns):
+                cell = depth[y[i] : y[i + 1], x[j] : x[j + 1]]
+                known = cell[cell > 0]
+                self.assertEqual(got[i, j], np.median(known) if known.size >= least * cell.size else 0)
 
 
 class Network(unittest.TestCase):
@@ -154,6 +182,27 @@ class Network(unittest.TestCase):
             self.assertTrue(((u > 0) & (u < 1)).all() and torch.equal(u, same_u))
             self.assertLess((torch.log(inverse) + log_depth).abs().max(), 1e-5)
             self.assertLess((folded(network)(image)[0] - inverse).abs().max(), 1e-4)
+
+    def test_an_exported_network_can_be_trained_on(self):
+        torch.manual_seed(1)
+        network = DepthNetwork()
+        images = torch.rand(8, 1, HEIGHT, WIDTH)
+        with torch.no_grad():
+            network.train()
+            network(images)
+            network.eval()
+            with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                file = Path(folder) / "some.onnx"
+                torch.onnx.export(folded(network), (images[:1],), str(file), dynamo=False)
+                again = DepthNetwork()
+                unfolded(again, file, images)
+            expected = network(images)[0]
+            again.eval()
+            self.assertLess((again(images)[0] - expected).abs().max(), 1e-4)
+            # The normalisations are those of these images, so training goes on from the same function.
+            again.train()
+            self.assertLess((again(images)[0] - expected).abs().max(), 1e-4)
 
     def test_augmentation_is_a_function_of_its_generator(self):
         image = torch.rand(3, 1, HEIGHT, WIDTH)

@@ -4,7 +4,8 @@
     train.py --config config/indoor.toml --rooms ROOMS/* --out run/indoor.pt
     train.py --config config/euroc.toml --start run/indoor.pt --rooms ROOMS/* --euroc V1_01_keyframes --more MH_01_easy --out run/euroc.pt
 
-What it writes can be trained on (`--start`), resumed after an interruption (`--out` exists), scored and exported.
+What it writes can be trained on (`--start`), resumed after an interruption (`--out` exists), scored and exported. `--start` also takes
+an exported network.
 """
 
 import argparse
@@ -20,21 +21,23 @@ import torch
 import augment
 import losses
 from data import Rooms, Stereo, split
-from network import DepthNetwork, parameters
+from network import DepthNetwork, parameters, unfolded
 from photometric import PhotometricSource
 
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--config", type=Path, required=True)
-    parser.add_argument("--rooms", type=Path, nargs="*", default=[], help="folders written by `libella rooms`")
+    parser.add_argument("--rooms", type=Path, nargs="*", default=[],
+                        help="folders written by `libella rooms`; one that is named twice is drawn twice as often, one not finished yet is taken in later")
     parser.add_argument("--euroc", type=Path, help="EuRoC stereo keyframes that are split into training and scoring")
     parser.add_argument("--more", type=Path, nargs="*", default=[], help="EuRoC folders all of whose pairs train")
     parser.add_argument("--split", default="interleaved", help="interleaved, contiguous or all")
-    parser.add_argument("--start", type=Path, help="weights to start from")
+    parser.add_argument("--start", type=Path, help="weights to start from, .pt or .onnx")
     parser.add_argument("--cache", type=Path, default=Path("run/cache"), help="where matched depths are kept")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--steps", type=int, help="instead of the configured number")
+    parser.add_argument("--minutes", type=float, help="ends after this time if it is short of the steps; the rate falls accordingly")
     parser.add_argument("--seed", type=int)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--bf16", action="store_true", help="convolve in half width: twice as fast where the processor has it")
@@ -64,10 +67,9 @@ def real_arrays(args, config, seed):
     return np.concatenate(images), np.concatenate(depths)
 
 
-def learning_rate(step: int, steps: int, peak: float, warmup: int) -> float:
-    if step < warmup:
-        return peak * (step + 1) / warmup
-    return peak * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * (step - warmup) / max(1, steps - warmup))))
+def learning_rate(done: float, warm: float) -> float:
+    """Share of the peak's rate after this share of the run; up to `warm` after a (re)start."""
+    return min(1.0, warm) * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * min(1.0, done))))
 
 
 def main():
@@ -82,12 +84,19 @@ def main():
     generator = torch.Generator().manual_seed(seed)
     draw = np.random.default_rng(seed)
 
-    network = DepthNetwork().to(device, memory_format=torch.channels_last)
-    if args.start:
-        network.load_state_dict(torch.load(args.start, map_location=device, weights_only=True)["average"])
+    rooms = Rooms(args.rooms) if args.rooms else None
+    network = DepthNetwork()
+    if args.start and args.start.suffix == ".onnx":
+        if rooms is None:
+            raise SystemExit("an .onnx to start from needs --rooms: its normalisations are found anew on them")
+        views = torch.from_numpy(rooms.take(draw.integers(0, len(rooms), 64))[0])[:, None].float() / 255
+        unfolded(network, args.start, augment.photometric(views, generator, options.get("strength", 1.0)))
+    elif args.start:
+        network.load_state_dict(torch.load(args.start, map_location="cpu", weights_only=True)["average"])
+    network = network.to(device, memory_format=torch.channels_last)
     average = copy.deepcopy(network)
-    optimizer = torch.optim.AdamW(network.parameters(), lr=1e-3, weight_decay=options.get("weight_decay", 1e-2))
-    first = 0
+    optimizer = torch.optim.AdamW(network.parameters(), weight_decay=options.get("weight_decay", 1e-2), fused=True)
+    first, spent = 0, 0.0
     if args.out.exists():
         stored = torch.load(args.out, map_location=device, weights_only=True)
         if stored["step"] >= steps:
@@ -95,12 +104,11 @@ def main():
         network.load_state_dict(stored["network"])
         average.load_state_dict(stored["average"])
         optimizer.load_state_dict(stored["optimizer"])
-        first = stored["step"]
+        first, spent = stored["step"], stored["seconds"]
         generator.manual_seed(seed + first)
         draw = np.random.default_rng(seed + first)
-        print(f"goes on at step {first}")
+        print(f"goes on at step {first}, {spent:.0f} s")
 
-    rooms = Rooms(args.rooms) if args.rooms else None
     real = real_arrays(args, config, seed)
     sequences = [PhotometricSource(folder, args.split if folder == args.euroc else "all") for folder in
                  ([args.euroc] if args.euroc else []) + args.more] if options.get("photometric", 0) > 0 else []
@@ -110,9 +118,10 @@ def main():
     from_rooms = round(share * batch)
     print(f"{parameters(network)} parameters, {len(rooms) if rooms else 0} room views, {len(real[0]) if real else 0} real views, "
           f"{from_rooms} + {batch - from_rooms} per batch, {steps} steps", flush=True)
-    weights = tuple(options.get("weights", (1.0, 0.5, 1.0)))
+    weights = tuple(options.get("weights", (1.0, 0.5, 1.0, 0.0)))
     strength = options.get("strength", 1.0)
-    began, sums = time.time(), []
+    limit = 60 * args.minutes if args.minutes else math.inf
+    began, sums = time.time() - spent, []
     network.train()
     if options.get("freeze_statistics", False):
         for module in network.modules():
@@ -122,7 +131,8 @@ def main():
 
     def save(step):
         partial = args.out.with_suffix(".partial")
-        torch.save({"network": network.state_dict(), "average": average.state_dict(), "optimizer": optimizer.state_dict(), "step": step}, partial)
+        torch.save({"network": network.state_dict(), "average": average.state_dict(), "optimizer": optimizer.state_dict(),
+                    "step": step, "seconds": time.time() - began}, partial)
         partial.replace(args.out)
 
     for step in range(first, steps):
@@ -142,8 +152,9 @@ def main():
         loss = losses.supervised(log_depth, u, depth, weights) + 1e-3 * losses.smoothness(log_depth, image)
         if sequences:
             loss = loss + options["photometric"] * sequences[step % len(sequences)].loss(network, draw, options.get("photometric_batch", 4), device)
+        done = max(step / steps, (time.time() - began) / limit)
         for group in optimizer.param_groups:
-            group["lr"] = learning_rate(step, steps, options["rate"], options.get("warmup", 100))
+            group["lr"] = options["rate"] * learning_rate(done, (step - first + 1) / options.get("warmup", 100))
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
@@ -158,12 +169,17 @@ def main():
         with torch.no_grad():
             known = depth > 0
             sums.append((loss.item(), (torch.exp(log_depth) / depth - 1)[known].abs().mean().item()))
-        if (step + 1) % 100 == 0 or step + 1 == steps:
+        over = step + 1 == steps or done >= 1.0
+        if (step + 1) % 100 == 0 or over:
             mean = np.mean(sums, 0)
             print(f"step {step + 1} loss {mean[0]:.4f} abs_rel {mean[1]:.4f} {time.time() - began:.0f} s", flush=True)
             sums = []
         if (step + 1) % 500 == 0:
             save(step + 1)
+            if rooms and rooms.more():
+                print(f"{len(rooms)} room views", flush=True)
+        if over:
+            break
     save(steps)
 
 

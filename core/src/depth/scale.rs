@@ -7,6 +7,10 @@
 //! ```text
 //! P ← P + q Δt      K = P / (P + R)      ln s ← ln s + K (m − ln s)      P ← (1 − K) P
 //! ```
+//! Motion's depths are no truth: their scale, which is that of the trajectory, is some percent off for tens of seconds after a start. A
+//! factor that is learned from them takes over that error, and a source that knows metres has nothing left to say about them. So a source
+//! whose factor is known beforehand better than one image tells it is *taken at its word*: its factor stays where it is, but for what
+//! motion says with [`MOTION_SIGMA`], until motion contradicts it beyond doubt. Then it is followed like any other.
 
 // A comparison that NaN must fail is written as the negation of what must hold.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
@@ -74,13 +78,18 @@ pub struct ScaleTracker<T> {
     walk_per_s: T,
     /// Standard deviation of what one image says, however many landmarks agree.
     image_sigma: T,
+    /// Whether motion has not refuted what the source is known for.
+    is_taken_at_its_word: bool,
     last: Option<Timestamp>,
     /// Images in a row that contradicted.
     refused: u8,
 }
 
-blank!([T: Real] ScaleTracker<T> { log_scale, variance, walk_per_s, image_sigma, last, refused });
+blank!([T: Real] ScaleTracker<T> { log_scale, variance, walk_per_s, image_sigma, is_taken_at_its_word, last, refused });
 
+/// Standard deviation of the logarithm of what one image says of the factor of a source that is taken at its word: the scale of a
+/// trajectory is about 5 % off for 20 s, which are a hundred images but tell as much as one does.
+const MOTION_SIGMA: f64 = 0.5;
 /// Images in a row after which what they say is believed instead.
 const MOST_REFUSED: u8 = 10;
 /// Squared standard deviations beyond which an image is refused.
@@ -102,6 +111,7 @@ impl<T: Real> ScaleTracker<T> {
             variance: sigma * sigma,
             walk_per_s: walk_per_root_s * walk_per_root_s,
             image_sigma,
+            is_taken_at_its_word: sigma < image_sigma,
             last: None,
             refused: 0,
         }
@@ -121,7 +131,7 @@ impl<T: Real> ScaleTracker<T> {
 
     /// Takes in what one image says: `ln(d / d_source)` of its landmarks and `ln d` of the same, both used up.
     pub fn update(&mut self, stamp: Timestamp, log_ratios: &mut [T], log_depths: &mut [T]) -> Verdict {
-        if let Some(last) = self.last {
+        if let (false, Some(last)) = (self.is_taken_at_its_word, self.last) {
             self.variance += self.walk_per_s * (stamp - last).as_seconds::<T>().max(T::ZERO);
         }
         self.last = Some(stamp);
@@ -142,8 +152,10 @@ impl<T: Real> ScaleTracker<T> {
             }
             // So many cannot all be chance: start from them.
             (self.log_scale, self.variance) = (found.median, noise);
+            self.is_taken_at_its_word = false;
         } else {
-            let gain = self.variance / (self.variance + noise);
+            let doubt = if self.is_taken_at_its_word { T::of(MOTION_SIGMA * MOTION_SIGMA) } else { T::ZERO };
+            let gain = self.variance / (self.variance + noise + doubt);
             self.log_scale += gain * innovation;
             self.variance *= T::one() - gain;
         }
@@ -209,6 +221,29 @@ mod tests {
         assert_eq!(verdicts[0], Verdict::OtherScale);
         assert_eq!(verdicts.last(), Some(&Verdict::Believed));
         assert!((tracker.scale() - 2.0).abs() < 0.05, "{}", tracker.scale());
+    }
+
+    #[test]
+    fn a_source_that_knows_metres_keeps_its_word_until_it_is_refuted() {
+        let mut tracker = ScaleTracker::<f64>::new(0.02, 0.005, 0.1);
+        // The scale of a trajectory 5 % off, for 20 s.
+        for k in 0..100 {
+            let (mut ratios, mut depths) = image(1.05, 41);
+            assert_eq!(tracker.update(at(4 * k), &mut ratios, &mut depths), Verdict::Believed);
+        }
+        assert!((tracker.scale() - 1.0).abs() < 0.01, "{}", tracker.scale());
+        assert!(tracker.sigma_log() < 0.02);
+        for k in 100..150 {
+            let (mut ratios, mut depths) = image(0.25, 41);
+            tracker.update(at(4 * k), &mut ratios, &mut depths);
+        }
+        assert!((tracker.scale() / 0.25 - 1.0).abs() < 0.02, "{}", tracker.scale());
+        // From now on it is followed.
+        for k in 150..300 {
+            let (mut ratios, mut depths) = image(0.27, 41);
+            tracker.update(at(4 * k), &mut ratios, &mut depths);
+        }
+        assert!((tracker.scale() / 0.27 - 1.0).abs() < 0.03, "{}", tracker.scale());
     }
 
     #[test]

@@ -100,7 +100,8 @@ blank!([T: Real] EstimatorConfig<T> {
 pub struct DepthConfig<T: Real> {
     /// How much a depth counts beside the corners.
     pub weighting: Weighting<T>,
-    /// Standard deviation of the logarithm of the source's factor before anything is known of it.
+    /// Standard deviation of the logarithm of the source's factor before anything is known of it. Below `image_scale_sigma` the source is
+    /// taken at its word, see [`ScaleTracker`].
     pub scale_sigma: T,
     /// How far that logarithm walks in a second.
     pub scale_walk_per_root_s: T,

@@ -37,7 +37,8 @@ pub struct DepthUseSection {
     pub right_view_alpha: f64,
     /// For `damped`: the uncertainty at which a depth counts half. Default 0.2.
     pub damped_u: f64,
-    /// Standard deviation of the logarithm of the source's factor before anything is known of it. Default 0.2.
+    /// Standard deviation of the logarithm of the source's factor before anything is known of it. Below `image_scale_sigma` the source is taken at its
+    /// word, as a depth camera may be and a network must not. Default 0.2.
     pub scale_sigma: f64,
     /// How far that logarithm walks in a second. Default 0.005.
     pub scale_walk_per_root_s: f64,

@@ -83,7 +83,11 @@ pub(super) fn protocol(output: &Output) -> String {
              scale. The truth is interpolated at the time of each image, over pauses of {gap} s at most. Poses are those of the inertial unit."
         ));
         said.push("Scale error: the factor on the estimate that would have fitted best, less 1.".to_owned());
-        said.push("RPE: from every pose to the first one after the given length of the true path, without alignment.".to_owned());
+        said.push(
+            "RPE: from every pose to the one nearest to the given length along the estimated path, within a tenth, without alignment, \
+             as evo_rpe --all_pairs has it."
+                .to_owned(),
+        );
         said.push(
             "NEES: the squared error of rotation and position against the stated covariance, after the first pose has been laid onto the truth \
              by translation and heading."

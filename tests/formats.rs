@@ -11,6 +11,7 @@ use std::sync::atomic::AtomicBool;
 
 use libella_core::camera::CameraModel;
 use libella_core::time::Span;
+use libella_host::check::{CheckOptions, FindingKind, Severity, check};
 use libella_host::config::Config;
 use libella_host::dataset::{self, Event, Hints, Layout, Recording, RemarkKind};
 use libella_host::fault::{Fault, FaultKind};
@@ -197,7 +198,12 @@ fn messages_out_of_order_are_sorted_in_and_a_truth_is_taken_from_a_file() {
     assert!(content(&recording) == expected);
     assert_eq!(recording.truth.as_ref().unwrap().poses().len(), 201);
     let kinds: Vec<_> = recording.remarks.iter().map(|remark| (remark.kind, remark.count)).collect();
-    assert_eq!(kinds, [(RemarkKind::ImuOrder, 2), (RemarkKind::ImuDuplicate, 1), (RemarkKind::ImageOrder, 1)]);
+    assert_eq!(kinds, [(RemarkKind::ImuLate, 2), (RemarkKind::ImuDuplicate, 1), (RemarkKind::ImageLate, 1)]);
+    // What is put right by itself is no fault of the recording.
+    let opened = dataset::open_to_check_with(&path, &Config::default().dataset, &hints).unwrap();
+    let report = check(&opened, &CheckOptions::default()).unwrap();
+    let order: Vec<_> = report.findings.iter().filter(|finding| finding.kind == FindingKind::StampOrder).collect();
+    assert!(order.len() == 2 && order.iter().all(|finding| finding.severity == Severity::Note), "{report}");
 }
 
 const CHAIN: &str = "cam0:

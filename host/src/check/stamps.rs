@@ -96,6 +96,14 @@ pub(super) fn check(recording: &Recording, material: &mut Material, findings: &m
             );
         }
     }
+    for (name, kind) in [("inertial unit", RemarkKind::ImuLate), ("camera", RemarkKind::ImageLate)] {
+        let late = noted(kind);
+        if late > 0 {
+            let measured = format!("{late} of the {name}'s messages were recorded after newer ones, and are sorted by their stamps");
+            let change = "nothing, unless they come from a network that holds them back for longer than it should";
+            findings.add(Severity::Note, FindingKind::StampOrder, measured, "messages in the order of their stamps", change);
+        }
+    }
     keep_rising(material);
 
     let imu: Vec<Timestamp> = material.imu.iter().map(|sample| sample.stamp).collect();

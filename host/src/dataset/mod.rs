@@ -94,6 +94,8 @@ pub enum RemarkKind {
     ImuDuplicate,
     /// An inertial time stamp goes back; the sample is left out. Only of recordings opened to be checked.
     ImuOrder,
+    /// An inertial sample was recorded after a newer one and is sorted in. Only of bags and MCAP files.
+    ImuLate,
     /// An axis of the inertial unit stays at its largest value.
     ImuSaturated,
     /// Specific force far from gravity at the start.
@@ -104,6 +106,8 @@ pub enum RemarkKind {
     ImageDuplicate,
     /// An image time stamp goes back; the image is left out. Only of recordings opened to be checked.
     ImageOrder,
+    /// An image was recorded after a newer one and is sorted in. Only of bags and MCAP files.
+    ImageLate,
     /// Images before the first or after the last inertial sample are left out.
     ImagesWithoutImu,
     /// A truth stamp occurs twice; the second pose is left out.

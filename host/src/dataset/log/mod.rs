@@ -85,7 +85,7 @@ pub(super) fn open(purpose: Purpose, path: &Path, layout: Layout, options: &Data
 
     let mut remarks = Vec::new();
     let Topic { name, mut samples, .. } = inertial;
-    sort(purpose, path, &name, RemarkKind::ImuOrder, &mut samples, |sample| sample.stamp, &mut remarks)?;
+    sort(purpose, path, &name, [RemarkKind::ImuLate, RemarkKind::ImuOrder], &mut samples, |sample| sample.stamp, &mut remarks)?;
     if let Some(sample) = samples.iter().find(|sample| !sample.gyro_rad_s.iter().chain(&sample.accel_m_s2).all(|value| value.is_finite())) {
         let what = format!("`{name}` at {}: a number is not finite", sample.stamp);
         return Err(Fault::malformed(path, what, "record again"));
@@ -93,7 +93,7 @@ pub(super) fn open(purpose: Purpose, path: &Path, layout: Layout, options: &Data
     let samples = imu::take(purpose, path, samples, options, &mut remarks)?;
 
     let Topic { name, mut images, content, encoding, .. } = pictures;
-    sort(purpose, path, &name, RemarkKind::ImageOrder, &mut images, |image| image.stamp, &mut remarks)?;
+    sort(purpose, path, &name, [RemarkKind::ImageLate, RemarkKind::ImageOrder], &mut images, |image| image.stamp, &mut remarks)?;
     let before = images.len();
     images.dedup_by_key(|image| image.stamp);
     if images.len() < before {
@@ -150,7 +150,7 @@ fn sort<M>(
     purpose: Purpose,
     path: &Path,
     topic: &str,
-    kind: RemarkKind,
+    [late, jump]: [RemarkKind; 2],
     messages: &mut [M],
     stamp: impl Fn(&M) -> Timestamp,
     remarks: &mut Vec<Remark>,
@@ -160,11 +160,14 @@ fn sort<M>(
         let stamp = stamp(message);
         if let Some(newest) = newest.filter(|newest| stamp < *newest) {
             let back_ms = (newest - stamp).as_seconds::<f64>() * 1e3;
-            if back_ms > MOST_DISORDER_S * 1e3 && purpose == Purpose::Run {
+            let jumps = back_ms > MOST_DISORDER_S * 1e3;
+            if jumps && purpose == Purpose::Run {
                 let what = format!("`{topic}`: the time stamps go back by {back_ms:.0} ms at {stamp}");
                 return Err(Fault::malformed(path, what, "cut the recording where the clock jumps"));
             }
-            remark(remarks, kind, || format!("{}: `{topic}`: a message comes {back_ms:.3} ms late, and is sorted in", path.display()));
+            remark(remarks, if jumps { jump } else { late }, || {
+                format!("{}: `{topic}`: a message comes {back_ms:.3} ms late, and is sorted in", path.display())
+            });
         }
         newest = newest.max(Some(stamp));
     }

@@ -1,7 +1,10 @@
 //! What pictures have in common: inks, the font, colours of a scale.
 
+use std::io::Cursor;
 use std::sync::OnceLock;
 
+use image::codecs::jpeg::JpegEncoder;
+use image::{ExtendedColorType, ImageEncoder as _};
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
 
@@ -31,6 +34,42 @@ pub(crate) fn color(place: f64, colors: &[[f64; 3]]) -> [u8; 3] {
     [0, 1, 2].map(|channel| ((1.0 - part) * colors[index][channel] + part * colors[index + 1][channel]).round() as u8)
 }
 
+/// A picture as JPEG; nothing where it has no pixel.
+pub(crate) fn jpeg(pixels: &[u8], (width, height): (usize, usize), color: ExtendedColorType, quality: u8) -> Option<Vec<u8>> {
+    let mut bytes = Cursor::new(Vec::new());
+    let (width, height) = (u32::try_from(width).ok()?, u32::try_from(height).ok()?);
+    JpegEncoder::new_with_quality(&mut bytes, quality).write_image(pixels, width, height, color).ok()?;
+    Some(bytes.into_inner())
+}
+
+/// What a tint counts inside of its polygon and along its edge.
+const TINT: [f64; 2] = [0.3, 0.8];
+/// Half the width of that edge, px.
+const EDGE_PX: f64 = 0.8;
+
+/// Tints the pixels of an RGB picture inside of a polygon; the centre of the first pixel is (0.5, 0.5).
+pub(crate) fn tint(pixels: &mut [u8], (width, height): (usize, usize), polygon: &[[f64; 2]], color: [u8; 3]) {
+    let edges = || polygon.iter().zip(polygon.iter().cycle().skip(1));
+    for (index, pixel) in pixels.chunks_exact_mut(3).take(width * height).enumerate() {
+        let (x, y) = ((index % width) as f64 + 0.5, (index / width) as f64 + 0.5);
+        let crossings = edges().filter(|(a, b)| (a[1] > y) != (b[1] > y) && x < a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]));
+        let inside = crossings.count() % 2 == 1;
+        let on_edge = edges().any(|(a, b)| {
+            let (along, from) = ([b[0] - a[0], b[1] - a[1]], [x - a[0], y - a[1]]);
+            let length = along[0].hypot(along[1]);
+            let place = (along[0] * from[0] + along[1] * from[1]) / length;
+            (along[0] * from[1] - along[1] * from[0]).abs() < EDGE_PX * length && (0.0..=length).contains(&place)
+        });
+        let [fill, edge] = TINT;
+        let share = if on_edge { edge } else { fill * f64::from(u8::from(inside)) };
+        for (value, tint) in pixel.iter_mut().zip(color) {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            let mixed = (f64::from(*value) * (1.0 - share) + f64::from(tint) * share).round() as u8;
+            *value = mixed;
+        }
+    }
+}
+
 /// Text is drawn with a font that comes with the program: the picture is the same on every machine.
 pub(crate) fn load_font() -> Result<(), String> {
     static LOADED: OnceLock<bool> = OnceLock::new();
@@ -41,4 +80,18 @@ pub(crate) fn load_font() -> Result<(), String> {
 
 pub(crate) fn text(size: u32, zoom: u32, color: RGBColor) -> TextStyle<'static> {
     (FONT, size * zoom).into_font().color(&color)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tint_stays_inside_of_its_polygon() {
+        let mut pixels = vec![100; 3 * 20 * 10];
+        tint(&mut pixels, (20, 10), &[[5.0, 2.0], [15.0, 2.0], [15.0, 8.0], [5.0, 8.0]], [200, 0, 100]);
+        let at = |x: usize, y: usize| &pixels[3 * (y * 20 + x)..3 * (y * 20 + x) + 3];
+        assert_eq!((at(10, 5), at(2, 5), at(10, 0)), (&[130, 70, 100][..], &[100; 3][..], &[100; 3][..]));
+        assert_eq!(at(5, 5), &[180, 20, 100]);
+    }
 }

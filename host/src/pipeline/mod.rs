@@ -27,4 +27,4 @@ pub use resources::rss_peak_mb;
 pub use sheet::ContactSheet;
 pub use simulated::{RenderClock, rendered_recording, tracked_recording};
 pub(crate) use trails::Trails;
-pub use view::{Corner, View};
+pub use view::{Corner, PlaneInView, View};

@@ -320,7 +320,10 @@ mod tests {
                 plane: None,
             };
             let corners = vec![corner(0, Some(1.0)), corner(1, Some(6.0)), corner(2, None)];
-            sheet.add(Timestamp::from_nanos(50_000_000 * i64::try_from(index).unwrap()), View { image: Some(image), corners, depth: None });
+            sheet.add(
+                Timestamp::from_nanos(50_000_000 * i64::try_from(index).unwrap()),
+                View { image: Some(image), corners, ..View::default() },
+            );
         }
         sheet
     }
@@ -353,7 +356,7 @@ mod tests {
         let mut sheet = sheet(30);
         assert_eq!(sheet.trails.of(TrackId(0)).iter().map(|pixel| pixel[0]).collect::<Vec<_>>()[..2], [119.0, 120.0]);
         assert_eq!(sheet.trails.of(TrackId(0)).len(), TRAIL);
-        sheet.add(Timestamp::from_nanos(2_000_000_000), View { image: None, corners: Vec::new(), depth: None });
+        sheet.add(Timestamp::from_nanos(2_000_000_000), View::default());
         assert!(sheet.trails.is_empty());
     }
 

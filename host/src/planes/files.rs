@@ -46,6 +46,17 @@ pub(crate) fn color_of(class: PlaneClass) -> [u8; 3] {
     }
 }
 
+/// The same lighter, to lie over a grey image.
+pub(crate) fn light_color_of(class: PlaneClass) -> [u8; 3] {
+    match class {
+        PlaneClass::Floor => [0x4f, 0x97, 0xff],
+        PlaneClass::Wall => [0xff, 0x5b, 0x4a],
+        PlaneClass::Ceiling => [0xc0, 0x8c, 0xff],
+        PlaneClass::Table => [0xff, 0xae, 0x2e],
+        _ => [0x4f, 0xd0, 0x8c],
+    }
+}
+
 impl From<&FoundPlane> for Entry {
     fn from(plane: &FoundPlane) -> Self {
         Self {

@@ -178,11 +178,16 @@ impl PlaneFinder {
         self.images = 0;
     }
 
-    /// What the steady plane is that a point in world, m, lies on.
+    /// The steady plane that a point in world, m, lies on: its name and what it is.
     #[must_use]
-    pub fn class_at(&self, point: &Vector3<f64>) -> Option<PlaneClass> {
-        let id = self.map.supporting(point, self.config.theta_m, MARGIN_M).filter(|id| self.names.contains_key(id))?;
-        self.map.get(id).map(|plane| plane.class)
+    pub fn plane_at(&self, point: &Vector3<f64>) -> Option<(usize, PlaneClass)> {
+        let id = self.map.supporting(point, self.config.theta_m, MARGIN_M)?;
+        Some((*self.names.get(&id)?, self.map.get(id)?.class))
+    }
+
+    /// The steady planes as they are: name, what each is, and the corners of its extent in world, m.
+    pub fn steady(&self) -> impl Iterator<Item = (usize, PlaneClass, Vec<Vector3<f64>>)> {
+        self.map.steady().filter_map(|(id, plane)| Some((*self.names.get(&id)?, plane.class, corners_in_world(plane))))
     }
 
     /// What was found.
@@ -264,7 +269,7 @@ impl PlaneFinder {
                     class: plane.class,
                     normal_in_world: plane.plane.normal_in_world.into_inner(),
                     offset_m: plane.plane.offset_m,
-                    polygon_in_world: plane.polygon.corners().iter().map(|corner| plane.plane.lift(*corner)).collect(),
+                    polygon_in_world: corners_in_world(plane),
                     support: plane.inliers,
                     hits: plane.hits,
                     first_seen: plane.first_seen,
@@ -292,4 +297,8 @@ impl PlaneFinder {
             self.map.shift(id, -self.config.follow * median);
         }
     }
+}
+
+fn corners_in_world(plane: &TrackedPlane<f64, CORNERS>) -> Vec<Vector3<f64>> {
+    plane.polygon.corners().iter().map(|corner| plane.plane.lift(*corner)).collect()
 }

@@ -8,10 +8,12 @@
 
 mod files;
 mod finder;
+mod outline;
 mod points;
 mod seeker;
 
 pub use files::write;
-pub(crate) use files::{color_of, name_of};
+pub(crate) use files::{color_of, light_color_of, name_of};
 pub use finder::{FoundPlane, PlaneFinder, Planes, PlanesConfig};
+pub use outline::outline_in_image;
 pub use points::MapPoints;

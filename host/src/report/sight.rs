@@ -43,8 +43,10 @@ pub(super) fn what_it_saw(output: &Output) -> String {
     let mut classes: Vec<_> = output
         .pictures
         .iter()
-        .flat_map(|picture| &picture.taken.corners)
-        .filter_map(|corner| corner.plane.as_deref().map(known_class))
+        .flat_map(|picture| {
+            let corners = picture.taken.corners.iter().filter_map(|corner| corner.plane.as_deref());
+            corners.chain(picture.taken.planes.iter().map(|plane| plane.class.as_str())).map(known_class)
+        })
         .collect();
     classes.sort_unstable();
     classes.dedup();
@@ -66,6 +68,10 @@ pub(super) fn what_it_saw(output: &Output) -> String {
 fn picture(picture: &Picture) -> String {
     let [width, height] = picture.taken.size_px;
     let mut paths = String::new();
+    for plane in &picture.taken.planes {
+        let outline: Vec<String> = plane.outline_px.iter().map(|[x, y]| format!("{x:.1} {y:.1}")).collect();
+        let _ = write!(paths, "<path class=\"plane p-{}\" d=\"M{}Z\"/>", known_class(&plane.class), outline.join("L"));
+    }
     for corner in &picture.taken.corners {
         let class = match (&corner.plane, corner.depth_m) {
             (Some(plane), _) => format!("p-{}", known_class(plane)),

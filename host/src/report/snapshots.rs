@@ -1,11 +1,9 @@
 //! A handful of images with what the estimator saw in them, taken while a run goes on and kept in `views/` of its output folder.
 
 use std::collections::VecDeque;
-use std::io::Cursor;
 use std::path::Path;
 
-use image::codecs::jpeg::JpegEncoder;
-use image::{ExtendedColorType, ImageEncoder as _};
+use image::ExtendedColorType;
 use libella_core::estimator::Health;
 use libella_core::time::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -14,9 +12,9 @@ use super::frames::name_of;
 use crate::dataset::GrayImage;
 use crate::fault::Fault;
 use crate::network::DepthMap;
-use crate::paint::{DEPTH_COLORS, SIGMA_COLORS, UNKNOWN, color, log_place};
-use crate::pipeline::{FrameResult, Trails, View};
-use crate::planes::name_of as name_of_plane;
+use crate::paint::{DEPTH_COLORS, SIGMA_COLORS, UNKNOWN, color, jpeg, log_place, tint};
+use crate::pipeline::{FrameResult, PlaneInView, Trails, View};
+use crate::planes::{light_color_of, name_of as name_of_plane};
 
 /// Images over the whole run, and images at which tracking broke down.
 const EVEN: usize = 6;
@@ -47,6 +45,22 @@ pub(super) struct Snapshot {
     pub depth: Option<Map>,
     pub sigma: Option<Map>,
     pub corners: Vec<Seen>,
+    /// Planes that corners lie on.
+    #[serde(default)]
+    pub planes: Vec<Outlined>,
+    /// Name of the picture with the planes painted over it, where there are some.
+    #[serde(default)]
+    pub overlay: Option<String>,
+}
+
+/// A steady plane in the image.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Outlined {
+    /// As in `planes.json`.
+    pub id: usize,
+    pub class: String,
+    /// Where it is, px.
+    pub outline_px: Vec<[f64; 2]>,
 }
 
 /// A coloured map.
@@ -117,9 +131,18 @@ impl Snapshots {
 
     fn take(&mut self, frame: &FrameResult, seconds: f64, image: &GrayImage, view: &View) {
         let stamp = frame.stamp.as_nanos();
-        let Some(grey) = smaller(image) else { return };
+        let (grey, small) = smaller(image);
+        let Some(bytes) = jpeg(&grey, small, ExtendedColorType::L8, QUALITY) else { return };
         let picture = format!("{stamp}.jpg");
-        self.pictures.push((picture.clone(), grey));
+        self.pictures.push((picture.clone(), bytes));
+        let in_view = || view.planes.iter().filter(|plane| !plane.outline_px.is_empty());
+        let painted =
+            in_view().next().and_then(|_| jpeg(&painted(&grey, small, image.width, in_view()), small, ExtendedColorType::Rgb8, QUALITY));
+        let overlay = painted.map(|bytes| {
+            let picture = format!("{stamp}_planes.jpg");
+            self.pictures.push((picture.clone(), bytes));
+            picture
+        });
         let mut map = |kind: &str, made: Option<(Vec<u8>, [f64; 2])>| {
             let (bytes, range) = made?;
             let picture = format!("{stamp}_{kind}.jpg");
@@ -146,6 +169,11 @@ impl Snapshots {
             depth_m: corner.depth_m.map(|depth| (depth * 1e3).round() / 1e3),
             plane: corner.plane.map(|class| name_of_plane(class).to_owned()),
         });
+        let planes = in_view().map(|plane| Outlined {
+            id: plane.id,
+            class: name_of_plane(plane.class).to_owned(),
+            outline_px: plane.outline_px.iter().map(rounded).collect(),
+        });
         self.taken.push(Snapshot {
             stamp_ns: stamp,
             seconds,
@@ -155,6 +183,8 @@ impl Snapshots {
             depth,
             sigma,
             corners: corners.collect(),
+            planes: planes.collect(),
+            overlay,
         });
     }
 
@@ -180,15 +210,19 @@ impl Snapshots {
     }
 }
 
-fn jpeg(pixels: &[u8], (width, height): (usize, usize), color: ExtendedColorType) -> Option<Vec<u8>> {
-    let mut bytes = Cursor::new(Vec::new());
-    let (width, height) = (u32::try_from(width).ok()?, u32::try_from(height).ok()?);
-    JpegEncoder::new_with_quality(&mut bytes, QUALITY).write_image(pixels, width, height, color).ok()?;
-    Some(bytes.into_inner())
+/// Grey in colour, with the planes over it.
+fn painted<'a>(grey: &[u8], (width, height): (usize, usize), raw_width: usize, planes: impl Iterator<Item = &'a PlaneInView>) -> Vec<u8> {
+    let mut pixels: Vec<u8> = grey.iter().flat_map(|value| [*value; 3]).collect();
+    let scale = width as f64 / raw_width.max(1) as f64;
+    for plane in planes {
+        let outline: Vec<[f64; 2]> = plane.outline_px.iter().map(|pixel| pixel.map(|value| (value + 0.5) * scale)).collect();
+        tint(&mut pixels, (width, height), &outline, light_color_of(plane.class));
+    }
+    pixels
 }
 
 /// A picture of at most [`WIDTH`], each pixel the mean of those that it covers.
-fn smaller(image: &GrayImage) -> Option<Vec<u8>> {
+fn smaller(image: &GrayImage) -> (Vec<u8>, (usize, usize)) {
     let width = image.width.min(WIDTH);
     let height = (image.height * width / image.width).max(1);
     let mut pixels = Vec::with_capacity(width * height);
@@ -204,7 +238,7 @@ fn smaller(image: &GrayImage) -> Option<Vec<u8>> {
         }
         pixels.push(u8::try_from(sum / count.max(1)).unwrap_or(u8::MAX));
     }
-    jpeg(&pixels, (width, height), ExtendedColorType::L8)
+    (pixels, (width, height))
 }
 
 /// A map in colours, logarithmic between its outer percents.
@@ -229,7 +263,7 @@ fn colored(
     for value in values {
         pixels.extend(value.map_or(UNKNOWN, |value| color(log_place(value, [low, high]), colors)));
     }
-    Some((jpeg(&pixels, (width, height), ExtendedColorType::Rgb8)?, [low, high]))
+    Some((jpeg(&pixels, (width, height), ExtendedColorType::Rgb8, QUALITY)?, [low, high]))
 }
 
 #[cfg(test)]
@@ -240,9 +274,9 @@ mod tests {
     #[test]
     fn a_smaller_picture_keeps_shape_and_mean() {
         let image = GrayImage { width: 960, height: 600, pixels: (0..960 * 600).map(|index| ((index % 2) * 100 + 50) as u8).collect() };
-        let small = image::load_from_memory(&smaller(&image).unwrap()).unwrap().into_luma8();
-        assert_eq!((small.width(), small.height()), (480, 300));
-        assert!(small.pixels().all(|pixel| pixel.0[0].abs_diff(100) < 3));
+        let (small, size) = smaller(&image);
+        assert_eq!(size, (480, 300));
+        assert!(small.iter().all(|grey| grey.abs_diff(100) < 3));
     }
 
     #[test]

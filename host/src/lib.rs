@@ -14,3 +14,4 @@ pub mod planes; // points of the map -> planes with names
 pub mod report; // output folders -> one HTML page for people
 pub mod sim; // worlds with known truth
 pub mod suite; // many recordings, variants and runs -> one table
+pub mod viewer; // a run -> rerun, live or recorded

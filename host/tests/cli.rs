@@ -188,3 +188,16 @@ fn a_recording_without_truth_is_told_so_once() {
     let quiet = libella(&["run", &root, "--out", out.to_str().unwrap(), "--quiet"]);
     assert!(quiet.stdout.is_empty() && !text(&quiet.stderr).contains(said), "{}", text(&quiet.stderr));
 }
+
+#[cfg(not(feature = "rerun"))]
+#[test]
+fn a_viewer_that_is_not_built_in_is_said_before_anything_is_read() {
+    for option in ["--rerun=flight.rrd", "--rerun-connect"] {
+        for command in [&["run", "nowhere", option][..], &["demo", option]] {
+            let done = libella(command);
+            let said = text(&done.stderr);
+            assert_eq!((done.status.code(), said.lines().count()), (Some(2), 1), "{said}");
+            assert!(said.contains("without the viewer rerun") && said.contains("--features rerun"), "{said}");
+        }
+    }
+}

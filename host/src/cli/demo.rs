@@ -13,7 +13,7 @@ use libella_host::sim::{RenderConfig, RenderedFlight};
 
 use super::run::{describe, exit, parse_scalar, progress, stop_on_interrupt, subtitle, word};
 use super::simulate::{motion, movers, unusable};
-use super::{Exit, finish, say};
+use super::{Exit, finish, say, viewer};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -38,12 +38,15 @@ pub(crate) struct Arguments {
     /// Seed of the motion and of all noise.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    #[command(flatten)]
+    viewer: viewer::Shown,
     /// Prints nothing but errors.
     #[arg(long, short)]
     quiet: bool,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
+    arguments.viewer.check()?;
     let source = motion(&arguments.trajectory, arguments.duration)?;
     let movers = movers(arguments.dynamic)?;
     let config = Config { scalar: arguments.scalar, seed: arguments.seed, ..Config::default() };
@@ -58,10 +61,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     let name = format!("{}, room {}{crowd}", motion.unwrap_or_default(), arguments.scene_seed);
     let (recording, clock) = pipeline::rendered_recording(&name, &Arc::new(flight));
 
+    let mut viewer = arguments.viewer.open(&recording, false)?;
     let bar = progress(recording.frames.len(), arguments.quiet);
     let mut sheet = ContactSheet::new(recording.frames.len());
     let mut snapshots = Snapshots::new(recording.frames.len());
     let run = pipeline::run_watched(&recording, &config, &stop, |frame, view| {
+        if let Some(viewer) = &mut viewer {
+            viewer.add(frame, view.as_ref());
+        }
         if let Some(view) = view {
             snapshots.add(frame, &view);
             sheet.add(frame.stamp, view);
@@ -92,6 +99,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     }
     write_data(&arguments.out, &recording, &config, &run, evaluation.as_ref(), Some(&snapshots))?;
     write_page(&arguments.out)?;
+    if let Some(viewer) = viewer {
+        viewer.finish(&recording, &config, &run, evaluation.as_ref())?;
+    }
     if !arguments.quiet {
         let rendering = clock.mean_ms().map(|mean| format!(", {mean:.1} ms per image while the odometry runs")).unwrap_or_default();
         say(&describe(&recording, &report, evaluation.as_ref(), &arguments.out));

@@ -16,6 +16,7 @@ mod run;
 mod simulate;
 mod smooth;
 mod suite;
+mod viewer;
 
 use std::io::Write as _;
 use std::process::ExitCode;

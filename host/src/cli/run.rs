@@ -16,7 +16,7 @@ use libella_host::planes;
 use libella_host::report::{self, Snapshots};
 
 use super::input::Input;
-use super::{Exit, finish, say, smooth};
+use super::{Exit, finish, say, smooth, viewer};
 
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
@@ -50,6 +50,8 @@ pub(crate) struct Arguments {
     /// Afterwards adjusts the whole flight at once and writes `trajectory_smooth.*` beside the causal trajectory.
     #[arg(long)]
     smooth: bool,
+    #[command(flatten)]
+    viewer: viewer::Shown,
     /// Writes no report.html.
     #[arg(long)]
     no_html: bool,
@@ -84,6 +86,7 @@ pub(super) fn parse_scalar(text: &str) -> Result<Scalar, String> {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
+    arguments.viewer.check()?;
     let mut config = arguments.config.as_deref().map_or_else(|| Ok(Config::default()), Config::read)?;
     config.scalar = arguments.scalar.unwrap_or(config.scalar);
     config.seed = arguments.seed.unwrap_or(config.seed);
@@ -104,12 +107,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
         }
     }
     pipeline::prepare_outputs(&folder)?;
+    let mut viewer = arguments.viewer.open(&recording, network.is_some())?;
     let stop = stop_on_interrupt();
     let bar = progress(recording.frames.len(), arguments.quiet);
     let mut contradictions = 0;
     let mut snapshots = Snapshots::new(recording.frames.len());
-    let watch = Watch { view: !arguments.no_html, record: arguments.smooth };
+    let watch = Watch { view: !arguments.no_html || viewer.is_some(), record: arguments.smooth };
     let (run, record) = pipeline::run_with(&recording, &config, network, watch, &stop, |frame, view| {
+        if let Some(viewer) = &mut viewer {
+            viewer.add(frame, view.as_ref());
+        }
         if let Some(view) = view {
             snapshots.add(frame, &view);
         }
@@ -145,6 +152,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     report::write_data(&folder, &recording, &config, &run, evaluation.as_ref(), Some(&snapshots))?;
     let page = || if arguments.no_html { Ok(()) } else { report::write_page(&folder).map(|_| ()) };
     page()?;
+    if let Some(viewer) = viewer {
+        viewer.finish(&recording, &config, &run, evaluation.as_ref())?;
+    }
     let talkative = !arguments.quiet && !arguments.json;
     if talkative {
         say(&describe(&recording, &figures, evaluation.as_ref(), &folder));

@@ -12,7 +12,7 @@ use libella_host::planes::{FoundPlane, Planes};
 use libella_host::sim::{AnalyticConfig, FeatureConfig, Flight, ImuConfig, MotionKind, RoomConfig, Scene};
 use nalgebra::{Point3, Vector3};
 
-/// Limits of the issue for maps that were aligned to the truth.
+/// For maps that were aligned to the truth.
 const MOST_ANGLE_DEG: f64 = 1.5;
 const MOST_OFFSET_M: f64 = 0.05;
 

@@ -24,12 +24,23 @@ pub struct PlanesSection {
     pub steady_after: u16,
     /// The share of its landmarks' median distance that a plane is moved by with each image. Default 0.1.
     pub follow: f64,
+    /// Whether a point lies only on planes that its surface is parallel to, where a depth map tells which way that faces. Default true.
+    pub normals: bool,
 }
 
 impl Default for PlanesSection {
     fn default() -> Self {
         let core = PlaneConfig::<f64>::default();
-        Self { find: true, used: false, theta_m: core.theta_m, sigma_m: core.sigma_m, weight: core.weight, steady_after: 6, follow: 0.1 }
+        Self {
+            find: true,
+            used: false,
+            theta_m: core.theta_m,
+            sigma_m: core.sigma_m,
+            weight: core.weight,
+            steady_after: 6,
+            follow: 0.1,
+            normals: true,
+        }
     }
 }
 
@@ -42,6 +53,7 @@ impl PlanesSection {
             theta_m: self.theta_m,
             steady_after: self.steady_after,
             follow: self.follow,
+            normals: self.normals,
         })
     }
 

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
+use libella_core::depth::Verdict;
 use libella_core::estimator::{FrameOutcome, Health, InputError};
 use libella_core::image::PyramidPair;
 use libella_core::imu::{ImuBias, ImuSample};
@@ -17,13 +18,14 @@ use nalgebra::{Isometry3, SMatrix, Vector3};
 
 use super::depth::{self, DepthResult, DepthTimes, DepthUse, EventsWithDepth, Told};
 use super::view::{self, View};
+use crate::calibration::Rig;
 use crate::config::{Config, Scalar};
 use crate::dataset::{Event, Frames, Recording};
 use crate::eval::{StampedPose, Trajectory};
 use crate::fault::{Fault, FaultKind};
 use crate::map::{FlightRecord, Glance, Recorder};
 use crate::network::{Alike, DepthMap, DepthNetwork};
-use crate::planes::{PlaneFinder, Planes};
+use crate::planes::{DepthLook, PlaneFinder, Planes};
 
 /// Room for the pyramids of images up to about 1.5 megapixels; pages that are never touched cost nothing.
 const PYRAMID_BYTES: usize = 2 << 20;
@@ -265,10 +267,10 @@ struct Worker<'a, T: Real> {
     estimator: Box<Desktop<T>>,
     pyramids: Box<PyramidPair<PYRAMID_BYTES>>,
     config: &'a Config,
+    rig: &'a Rig,
     finder: Option<PlaneFinder>,
     has_depth: bool,
-    /// Whether the maps are kept to be shown, and the newest of them.
-    watched: bool,
+    /// The map of the image at hand, for the planes and to be shown.
     newest_map: Option<DepthMap>,
     poses: usize,
     imu_ms: f64,
@@ -289,9 +291,9 @@ fn work<T: Real>(
         estimator: Box::new(Desktop::<T>::new(settings, rig.camera_as(), rig.body_from_camera_as())),
         pyramids: Box::default(),
         config,
+        rig,
         finder: config.planes.finder().map(PlaneFinder::new).transpose()?,
         has_depth: network.is_some(),
-        watched: watch.view,
         newest_map: None,
         poses: 0,
         imu_ms: 0.0,
@@ -358,13 +360,7 @@ impl<T: Real> Worker<'_, T> {
         let begun = Instant::now();
         let outcome = self.estimator.step(self.config.budget());
         let solve_ms = milliseconds_since(begun);
-        if let Some(finder) = &mut self.finder {
-            match outcome {
-                FrameOutcome::Tracked | FrameOutcome::NewKeyframe => finder.look(&mut self.estimator, stamp),
-                FrameOutcome::Initialised | FrameOutcome::Lost => finder.forget(),
-                _ => {}
-            }
-        }
+        self.seek_planes(stamp, outcome);
         let did = self.estimator.report().depth.map(|did| DepthUse {
             given: did.given,
             scale: did.scale.as_f64(),
@@ -395,10 +391,31 @@ impl<T: Real> Worker<'_, T> {
         let pushed = told.map.and_then(|map| {
             let view = depth::view(&map).map_err(|error| error.to_string())?;
             let pushed = self.estimator.push_depth(stamp, &view).map_err(|error| error.to_string());
-            self.newest_map = self.watched.then_some(map);
+            self.newest_map = Some(map);
             pushed
         });
         (DepthTimes { push_ms: milliseconds_since(begun), ..told.times }, pushed)
+    }
+
+    /// Shows the finder of planes what the image taught, with its depth where that was believed.
+    fn seek_planes(&mut self, stamp: Timestamp, outcome: FrameOutcome) {
+        let Some(finder) = &mut self.finder else { return };
+        match outcome {
+            FrameOutcome::Tracked | FrameOutcome::NewKeyframe => {
+                let believed = self.estimator.report().depth.filter(|did| did.verdict == Verdict::Believed);
+                let place = self.estimator.state().filter(|newest| newest.stamp == stamp).map(|newest| view::in_f64(&newest.state).pose());
+                let map = self.newest_map.as_ref().and_then(|map| depth::view(map).ok());
+                let look = map.zip(place).zip(believed).map(|((map, world_from_body), did)| DepthLook {
+                    map,
+                    camera: &self.rig.camera,
+                    world_from_camera: world_from_body * self.rig.body_from_camera,
+                    scale: did.scale.as_f64(),
+                });
+                finder.look(&mut self.estimator, stamp, look.as_ref());
+            }
+            FrameOutcome::Initialised | FrameOutcome::Lost => finder.forget(),
+            _ => {}
+        }
     }
 
     /// Share of the landmarks that the newest frame sees whose depth prior comes from a map.

@@ -8,10 +8,15 @@ use libella_core::plane::{Plane, PlaneClass, PlaneEvent, PlaneId, PlaneMap, Trac
 use libella_core::profile::Desktop;
 use libella_core::real::Real;
 use libella_core::time::{Span, Timestamp};
+use libella_core::track::TrackId;
 use nalgebra::{UnitVector3, Vector3};
 
+use super::depth_look::DepthLook;
+use super::depth_points::DepthPoints;
+use super::drift;
+use super::evidence::{Evidence, LATELY, MARGIN_M, MEMORY};
 use super::points::MapPoints;
-use super::seeker::{Answer, Question, SAMPLES, Seeker};
+use super::seeker::{Answer, Question, Seeker};
 use crate::fault::Fault;
 
 /// Planes at a time.
@@ -22,10 +27,10 @@ pub(super) const CORNERS: usize = 16;
 const SEARCH_EVERY: usize = 30;
 /// Images from a snapshot to the one at which its answer is applied.
 const ANSWER_AFTER: usize = 10;
-/// What was seen longer ago takes no part in a search: a wall has to be a tenth of what is in view, not of the whole flight.
-const MEMORY: Span = Span::from_millis(15_000);
-/// Where a point may be outside of the polygon of its plane, m.
-const MARGIN_M: f64 = 0.1;
+/// The least share of all that a search looks at which a plane has to have, among the points of the map alone.
+const LEAST_SHARE: f64 = 0.1;
+/// The same with depth maps: a tenth of what one image shows is less of what is seen in 15 s of flight. What that lets in, the many sights of maps take out again.
+const LEAST_SHARE_WITH_DEPTH: f64 = 0.03;
 /// What must lie on a plane before it is moved after them.
 const LEAST_FOLLOWED: usize = 12;
 
@@ -41,6 +46,8 @@ pub struct PlanesConfig {
     /// The share of its landmarks' median distance that a plane is moved by with each image. A plane that stays where it was first found holds the
     /// scale of the first seconds, which is the least certain of all.
     pub follow: f64,
+    /// Whether a point lies only on planes that its surface is parallel to, where a depth map tells which way that faces.
+    pub normals: bool,
 }
 
 /// A plane that was steady at some time.
@@ -96,6 +103,7 @@ pub struct PlaneFinder {
     config: PlanesConfig,
     association: AssociateConfig<f64>,
     points: MapPoints,
+    depth: DepthPoints,
     map: PlaneMap<f64, PLANES, CORNERS>,
     seeker: Seeker,
     /// Images since the world began.
@@ -119,6 +127,7 @@ impl PlaneFinder {
             config,
             association: AssociateConfig { steady_after: config.steady_after, ..AssociateConfig::default() },
             points: MapPoints::default(),
+            depth: DepthPoints::default(),
             map: PlaneMap::new(),
             seeker: Seeker::start(fit)?,
             images: 0,
@@ -130,26 +139,12 @@ impl PlaneFinder {
         })
     }
 
-    /// Looks at the landmarks of an estimator that has a pose for the image of `stamp`.
-    pub fn look<T: Real>(&mut self, estimator: &mut Desktop<T>, stamp: Timestamp) {
+    /// Looks at the landmarks of an estimator that has a pose for the image of `stamp`, and at the depth map of that image.
+    pub fn look<T: Real>(&mut self, estimator: &mut Desktop<T>, stamp: Timestamp, depth: Option<&DepthLook<'_>>) {
         let Some(state) = estimator.state() else { return };
         let viewer = state.state.position_in_world.map(Real::as_f64);
         let seen: Vec<_> = estimator.points_in_world().map(|(track, point)| (track, point.map(Real::as_f64))).collect();
-        for (track, point) in &seen {
-            self.points.note(*track, *point, stamp);
-        }
-        self.images += 1;
-        if let Some(images) = &mut self.waiting {
-            *images += 1;
-            if *images == ANSWER_AFTER {
-                self.waiting = None;
-                if let Some(answer) = self.seeker.answer() {
-                    self.take(&answer, stamp, &viewer);
-                }
-            }
-        } else if self.images.is_multiple_of(SEARCH_EVERY) {
-            self.ask(stamp);
-        }
+        self.see(&seen, &viewer, stamp, depth);
         if self.config.used {
             self.follow(seen.iter().map(|(_, point)| *point));
             let plane_of = |point: &Vector3<T>| {
@@ -165,6 +160,30 @@ impl PlaneFinder {
         }
     }
 
+    /// Takes in where landmarks are and where they are seen from, m, and what a depth map shows of them; searches, and applies what was found, when it is
+    /// time to.
+    pub fn see(&mut self, seen: &[(TrackId, Vector3<f64>)], viewer: &Vector3<f64>, stamp: Timestamp, depth: Option<&DepthLook<'_>>) {
+        for (track, point) in seen {
+            self.points.note(*track, *point, viewer, stamp);
+        }
+        if let Some(look) = depth {
+            self.depth.note(look, stamp);
+            self.points.note_normals(look, stamp);
+        }
+        self.images += 1;
+        if let Some(images) = &mut self.waiting {
+            *images += 1;
+            if *images == ANSWER_AFTER {
+                self.waiting = None;
+                if let Some(answer) = self.seeker.answer() {
+                    self.take(&answer, stamp, viewer);
+                }
+            }
+        } else if self.images.is_multiple_of(SEARCH_EVERY) {
+            self.ask(stamp);
+        }
+    }
+
     /// Forgets where everything was: the estimator has started a new world.
     pub fn forget(&mut self) {
         if self.waiting.take().is_some() {
@@ -172,6 +191,7 @@ impl PlaneFinder {
             let _ = self.seeker.answer();
         }
         self.points.clear();
+        self.depth.clear();
         self.map = PlaneMap::new();
         self.names.clear();
         self.ledger.clear();
@@ -201,31 +221,41 @@ impl PlaneFinder {
         Planes { planes: self.ledger.into_values().collect(), points, share_on_planes: self.config.used.then_some(share) }
     }
 
+    fn evidence(&self, now: Timestamp, memory: Span) -> Evidence {
+        let evidence = Evidence::gather(&self.points, &self.depth, now, memory, self.config.theta_m);
+        if self.config.normals { evidence } else { evidence.without_normals() }
+    }
+
+    fn least_share(&self) -> f64 {
+        if self.depth.is_empty() { LEAST_SHARE } else { LEAST_SHARE_WITH_DEPTH }
+    }
+
     fn ask(&mut self, now: Timestamp) {
-        // The newest first: they are the best known, and a search has room for so many.
-        let points = self.points.recent(now, MEMORY).rev().take(SAMPLES).collect();
+        let evidence = self.evidence(now, MEMORY);
         let main_wall = self.map.main_wall().map(|(_, wall)| wall.plane.normal_in_world);
         self.searches += 1;
-        if self.seeker.ask(Question { points, main_wall, seed: self.searches }) {
+        if self.seeker.ask(Question { evidence, main_wall, least_share: self.least_share(), seed: self.searches }) {
             self.waiting = Some(0);
         }
     }
 
     fn take(&mut self, answer: &Answer, stamp: Timestamp, viewer: &Vector3<f64>) {
         let mut events = Vec::new();
-        // A plane ought to be found again where enough of what was searched lies on it.
-        let (points, theta_m) = (&self.points, self.config.theta_m);
-        let in_view = |plane: &TrackedPlane<f64, CORNERS>| {
-            points
-                .recent(stamp, MEMORY)
-                .filter(|point| plane.contains(point, MARGIN_M) && plane.plane.distance_m(point).abs() < 4.0 * theta_m)
-                .count()
-                > LEAST_FOLLOWED
-        };
-        self.map.update(answer, stamp, viewer, &self.association, in_view, |event| events.push(event));
+        let (evidence, theta_m) = (self.evidence(stamp, MEMORY), self.config.theta_m);
+        let least_share = self.least_share();
+        let doubtful = |plane: &TrackedPlane<f64, CORNERS>| evidence.doubts(&plane.plane, &plane.polygon, theta_m, least_share);
+        self.map.update(answer, stamp, viewer, &self.association, doubtful, |event| events.push(event));
+        let lately = self.evidence(stamp, LATELY);
+        while let Some(double) = drift::double(&self.map, &lately, theta_m) {
+            self.map.shift(double.older, double.shift_m);
+            // What becomes of its name is said here.
+            self.map.remove(double.younger, |_| ());
+            events.push(PlaneEvent::Merged { into: double.older, gone: double.younger });
+        }
         for event in events {
             match event {
-                PlaneEvent::Added(id) => {
+                // Not one that turned out to be another just now.
+                PlaneEvent::Added(id) if self.map.get(id).is_some() => {
                     let name = self.ledger.len() + 1;
                     self.names.insert(id, name);
                     self.record();
@@ -246,7 +276,7 @@ impl PlaneFinder {
                         self.end(name, 0);
                     }
                 }
-                PlaneEvent::Updated(_) => {}
+                PlaneEvent::Added(_) | PlaneEvent::Updated(_) => {}
             }
         }
         self.record();

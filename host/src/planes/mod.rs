@@ -6,12 +6,20 @@
 //! The answer to a snapshot is applied at a fixed image, and waited for if need be: a run gives the same planes and poses however fast
 //! the machine is.
 
+mod depth_look;
+mod depth_points;
+mod drift;
+mod evidence;
 mod files;
 mod finder;
 mod outline;
 mod points;
 mod seeker;
+mod sight;
+mod weighted;
 
+pub use depth_look::{DepthLook, DepthReading};
+pub use depth_points::DepthPoints;
 pub use files::write;
 pub(crate) use files::{color_of, light_color_of, name_of};
 pub use finder::{FoundPlane, PlaneFinder, Planes, PlanesConfig};

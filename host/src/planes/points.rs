@@ -1,22 +1,34 @@
-//! Where landmarks were when they were last seen.
+//! Where landmarks were when they were last seen, and which way their surfaces face.
 
 use std::collections::BTreeMap;
 
+use libella_core::depth::NormalAverage;
+use libella_core::plane::{Sample, Source};
 use libella_core::time::{Span, Timestamp};
 use libella_core::track::TrackId;
 use nalgebra::Vector3;
+
+use super::depth_look::DepthLook;
+use super::sight::Sight;
 
 /// Images that a point must have been estimated in: half a second at 20 Hz. What is followed for less is mostly wrong.
 const LEAST_LOOKS: u32 = 10;
 /// Points that are kept at most; the oldest go first.
 const MOST: usize = 20_000;
+/// Standard deviations by which a depth map may miss a landmark and still show the surface that it lies on.
+const GATE_SIGMA: f64 = 3.0;
+/// What the landmark's own depth may be off, of the logarithm.
+const POINT_SIGMA_LOG: f64 = 0.03;
 
 /// A point of the map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct MapPoint {
     point_in_world: Vector3<f64>,
+    /// Where it was seen from when its depth became known, m.
+    seen_from: Vector3<f64>,
     last_seen: Timestamp,
     looks: u32,
+    normal: Option<NormalAverage<f64>>,
 }
 
 /// The latest estimate of every landmark, those that have left the window included.
@@ -26,15 +38,34 @@ pub struct MapPoints {
 }
 
 impl MapPoints {
-    /// Takes in where a landmark is, m.
-    pub fn note(&mut self, track: TrackId, point_in_world: Vector3<f64>, stamp: Timestamp) {
+    /// Takes in where a landmark is, and where it is seen from, m.
+    pub fn note(&mut self, track: TrackId, point_in_world: Vector3<f64>, viewer_in_world: &Vector3<f64>, stamp: Timestamp) {
         if !point_in_world.iter().all(|value| value.is_finite()) {
             return;
         }
-        let point = self.points.entry(track).or_insert(MapPoint { point_in_world, last_seen: stamp, looks: 0 });
-        *point = MapPoint { point_in_world, last_seen: stamp, looks: point.looks + 1 };
+        let new = MapPoint { point_in_world, seen_from: *viewer_in_world, last_seen: stamp, looks: 0, normal: None };
+        let point = self.points.entry(track).or_insert(new);
+        *point = MapPoint { point_in_world, last_seen: stamp, looks: point.looks + 1, ..*point };
         while self.points.len() > MOST {
             self.points.pop_first();
+        }
+    }
+
+    /// Takes in which way the surfaces of the landmarks of `stamp` face, where a depth map of that image shows them.
+    pub fn note_normals(&mut self, look: &DepthLook<'_>, stamp: Timestamp) {
+        let center = look.center_in_world();
+        for point in self.points.values_mut().filter(|point| point.last_seen == stamp) {
+            let Some((reading, depth_m)) = look.towards(&point.point_in_world) else { continue };
+            // Behind an edge, or a depth that is wrong: another surface.
+            if (reading.depth_m / depth_m).ln().abs() > GATE_SIGMA * reading.sigma_log.hypot(POINT_SIGMA_LOG) {
+                continue;
+            }
+            let Some(normal_in_world) = look.sure_normal_towards(&point.point_in_world, &reading) else { continue };
+            let distance_m = (point.point_in_world - center).norm();
+            point.normal = Some(match point.normal {
+                None => NormalAverage { normal_in_world, distance_m },
+                Some(known) => known.seen(&normal_in_world, distance_m),
+            });
         }
     }
 
@@ -44,9 +75,18 @@ impl MapPoints {
     }
 
     /// Those of [`Self::usable`] that were seen not longer than `memory` ago.
-    pub fn recent(&self, now: Timestamp, memory: Span) -> impl DoubleEndedIterator<Item = Vector3<f64>> {
+    pub fn recent(&self, now: Timestamp, memory: Span) -> impl DoubleEndedIterator<Item = Sight> {
         let is_recent = move |point: &&MapPoint| point.looks >= LEAST_LOOKS && now - point.last_seen <= memory;
-        self.points.values().filter(is_recent).map(|point| point.point_in_world)
+        self.points.values().filter(is_recent).map(|point| Sight {
+            sample: Sample {
+                point_in_world: point.point_in_world,
+                normal_in_world: point.normal.map(|normal| normal.normal_in_world),
+                source: Source::MapPoint,
+            },
+            from: point.seen_from,
+            sigma_log: POINT_SIGMA_LOG,
+            is_sought: true,
+        })
     }
 
     /// Points that were looked at often enough, by the name of their track.
@@ -64,11 +104,11 @@ mod tests {
         let mut points = MapPoints::default();
         for look in 0..LEAST_LOOKS {
             assert_eq!(points.usable().count(), 0, "after {look} looks");
-            points.note(TrackId(7), Vector3::new(f64::from(look), 0.0, 0.0), Timestamp::from_nanos(i64::from(look)));
+            points.note(TrackId(7), Vector3::new(f64::from(look), 0.0, 0.0), &Vector3::zeros(), Timestamp::from_nanos(i64::from(look)));
         }
         let last = f64::from(LEAST_LOOKS - 1);
         assert_eq!(points.usable().collect::<Vec<_>>(), [(TrackId(7), Vector3::new(last, 0.0, 0.0))]);
-        points.note(TrackId(7), Vector3::new(f64::NAN, 0.0, 0.0), Timestamp::from_nanos(99));
+        points.note(TrackId(7), Vector3::new(f64::NAN, 0.0, 0.0), &Vector3::zeros(), Timestamp::from_nanos(99));
         assert_eq!(points.usable().count(), 1, "what is no number is left out");
     }
 
@@ -77,10 +117,26 @@ mod tests {
         let mut points = MapPoints::default();
         for track in 0..MOST as u32 + 50 {
             for _ in 0..LEAST_LOOKS {
-                points.note(TrackId(track), Vector3::zeros(), Timestamp::from_nanos(0));
+                points.note(TrackId(track), Vector3::zeros(), &Vector3::zeros(), Timestamp::from_nanos(0));
             }
         }
         assert_eq!(points.usable().count(), MOST);
         assert_eq!(points.usable().next().map(|(track, _)| track), Some(TrackId(50)), "the oldest have gone");
+    }
+
+    #[test]
+    fn a_depth_map_tells_which_way_surfaces_face_where_it_agrees() {
+        use super::super::depth_look::tests::at_wall;
+        let mut points = MapPoints::default();
+        let (on, before) = (Vector3::new(2.0, 0.1, 1.0), Vector3::new(1.0, -0.1, 1.0));
+        let stamp = Timestamp::from_nanos(0);
+        for _ in 0..LEAST_LOOKS {
+            points.note(TrackId(1), on, &Vector3::z(), stamp);
+            points.note(TrackId(2), before, &Vector3::z(), stamp);
+        }
+        at_wall(2.0, [0.0, 0.0, 1.0], 0.02, |look| points.note_normals(look, stamp));
+        let normals: Vec<_> = points.recent(stamp, Span::from_millis(0)).map(|sight| sight.sample.normal_in_world).collect();
+        assert!(normals[0].is_some_and(|normal| (normal + Vector3::x()).norm() < 1e-5));
+        assert_eq!(normals[1], None, "the map shows the wall behind it");
     }
 }

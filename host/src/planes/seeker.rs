@@ -3,22 +3,24 @@
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 use libella_core::plane::fit::FitConfig;
-use libella_core::plane::{Detection, Detections, Sample, Samples, Source};
+use libella_core::plane::{Detection, Detections, Samples};
 use libella_core::robust::ransac::Generator;
 use nalgebra::{UnitVector3, Vector3};
 
+use super::evidence::{Evidence, SAMPLES};
 use super::finder::{CORNERS, PLANES};
+use super::sight::{Sight, is_opaque};
+use super::weighted::refit;
 use crate::fault::{Fault, FaultKind};
-
-/// Samples that one search looks at; of more points the newest.
-pub(super) const SAMPLES: usize = 5_000;
 
 /// What a search is given.
 pub(super) struct Question {
-    /// In world, m.
-    pub points: Vec<Vector3<f64>>,
+    /// What is known.
+    pub evidence: Evidence,
     /// The wall that others are expected to be parallel or at right angles to.
     pub main_wall: Option<UnitVector3<f64>>,
+    /// The share of what is sought among, by weight, that a plane has to have.
+    pub least_share: f64,
     /// Seed of the draws.
     pub seed: u64,
 }
@@ -34,7 +36,7 @@ pub(super) struct Seeker {
 }
 
 impl Seeker {
-    pub fn start(config: FitConfig<f64>) -> Result<Self, Fault> {
+    pub fn start(mut config: FitConfig<f64>) -> Result<Self, Fault> {
         let (questions, asked) = channel::<Question>();
         let (answered, answers) = channel();
         let work = move || {
@@ -43,12 +45,18 @@ impl Seeker {
             let mut detections = Box::<Detections<f64, PLANES, CORNERS>>::default();
             for question in asked {
                 samples.clear();
-                for point_in_world in question.points {
-                    // A point that is refused is no number or one too many.
-                    let _ = samples.push(&Sample { point_in_world, normal_in_world: None, source: Source::MapPoint });
-                }
+                config.ransac.least_inlier_ratio = question.least_share;
+                // A point that is refused is no number.
+                let taken: Vec<&Sight> = question.evidence.sought().filter(|sight| samples.push(&sight.sample).is_ok()).collect();
                 detections.detect(&mut samples, question.main_wall.as_ref(), &config, &mut Generator::new(question.seed));
-                if answered.send(detections.to_vec()).is_err() {
+                let on = |plane: usize| {
+                    let samples = &samples;
+                    taken.iter().enumerate().filter(move |(place, _)| samples.plane_of(*place) == Some(plane)).map(|(_, sight)| *sight)
+                };
+                let refined = detections.iter().enumerate().map(|(place, found)| refit(found, on(place)));
+                let sights = &question.evidence.sights;
+                let opaque = refined.filter(|found| is_opaque(&found.fit.plane, &found.polygon, sights, config.theta_m));
+                if answered.send(opaque.collect()).is_err() {
                     return;
                 }
             }

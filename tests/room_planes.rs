@@ -1,0 +1,287 @@
+//! Planes found in whole flights with images, against rooms that are known exactly.
+//!
+//! By default one short flight with exact depth. All figures of the docs:
+//! ```text
+//! cargo test --release --test room_planes -- --ignored --nocapture
+//! ```
+//! Recordings are looked for in `LIBELLA_DATA`; without them the tests say so and pass. `LIBELLA_ROOMS=101,102` flies only these.
+#![allow(clippy::unwrap_used)]
+
+mod support {
+    #[allow(dead_code)]
+    pub mod plane_truth;
+}
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use libella_core::camera::Camera;
+use libella_core::image::ImageView;
+use libella_core::time::Timestamp;
+use libella_host::config::Config;
+use libella_host::dataset::{self, Recording};
+use libella_host::eval::evaluate;
+use libella_host::network::{DepthKind, DepthMap, DepthNetwork, ModelChoice, NetworkError};
+use libella_host::pipeline::{self, Run};
+use libella_host::sim::{AnalyticConfig, ImuConfig, MotionKind, MotionSource, RealMotionConfig, RenderConfig, RenderedFlight};
+use nalgebra::{Isometry3, Vector3};
+use support::plane_truth::{Candidate, Rectangle, Score, areas_in_view};
+
+/// A wall is in view where so much of it is, m².
+const IN_VIEW_M2: f64 = 2.0;
+/// And has to be found where it is for so long, s.
+const LEAST_S: f64 = 5.0;
+/// Raw pixels from one value of an exact map to the next, and what it says of itself: as maps of a recording.
+const STEP: usize = 8;
+const SIGMA_LOG: f32 = 0.01;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Depth {
+    None,
+    Exact,
+    Indoor,
+}
+
+/// What the camera has before it.
+struct Exact(Arc<RenderedFlight>);
+
+impl DepthNetwork for Exact {
+    fn predict(&mut self, stamp: Timestamp, _: &ImageView<'_>) -> Result<DepthMap, NetworkError> {
+        let flight = &self.0.flight;
+        let renderer = self.0.renderer(0).map_err(|error| NetworkError::Failed(error.to_string()))?;
+        let exact = renderer.depth(&flight.world_from_camera(stamp, renderer.body_from_camera()), (stamp - flight.epoch).as_seconds());
+        let (width, height) = (exact.width / STEP, exact.height / STEP);
+        let nothing = vec![0.0; width * height];
+        let mut map = DepthMap {
+            width,
+            height,
+            step_px: [STEP as f64; 2],
+            origin_px: [0.0; 2],
+            inverse_depth_1_m: nothing.clone(),
+            sigma_log: nothing.clone(),
+            uncertainty: nothing,
+            kind: DepthKind::Metric,
+        };
+        for (index, inverse) in map.inverse_depth_1_m.iter_mut().enumerate() {
+            let depth_m = exact.depth_m[(index / map.width * exact.width + index % map.width) * STEP];
+            if depth_m > 0.0 {
+                *inverse = depth_m.recip() as f32;
+                map.sigma_log[index] = SIGMA_LOG;
+                map.uncertainty[index] = SIGMA_LOG;
+            }
+        }
+        Ok(map)
+    }
+
+    fn describe(&self) -> String {
+        "exact".into()
+    }
+
+    fn kind(&self) -> DepthKind {
+        DepthKind::Metric
+    }
+}
+
+fn data(below: &str) -> Option<PathBuf> {
+    let root =
+        std::env::var_os("LIBELLA_DATA").map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let path = root.join(below);
+    if path.exists() {
+        return Some(path);
+    }
+    println!("skipped: LIBELLA_DATA has no {below}");
+    None
+}
+
+fn run(recording: &Recording, network: Option<Box<dyn DepthNetwork>>, normals: bool) -> Run {
+    let mut config = Config::default();
+    config.planes.normals = normals;
+    pipeline::run_with_depth(recording, &config, network, &AtomicBool::new(false), |_| ()).unwrap()
+}
+
+/// What was found in a room; `poses` are those of the true camera, a fifth of a second apart.
+fn score(recording: &Recording, run: &Run, room: &[Rectangle], poses: impl Iterator<Item = Isometry3<f64>>) -> Score {
+    let camera = &recording.rig.camera;
+    let (width, height) = recording.rig.size_px();
+    let is_seen = |x: f64, y: f64| {
+        let inside =
+            |pixel: nalgebra::Vector2<f64>| (0.0..f64::from(width)).contains(&pixel.x) && (0.0..f64::from(height)).contains(&pixel.y);
+        // Farther out the model of the lens folds back.
+        x.hypot(y) < 1.2 && camera.project(&Vector3::new(x, y, 1.0)).is_some_and(inside)
+    };
+    let mut seconds = vec![0.0; room.len()];
+    for pose in poses {
+        for (seconds, area) in seconds.iter_mut().zip(areas_in_view(room, &pose, &is_seen)) {
+            *seconds += if area >= IN_VIEW_M2 { 0.2 } else { 0.0 };
+        }
+    }
+    let evaluation = evaluate(&run.trajectory(), recording.truth.as_ref().unwrap(), &Config::default().evaluation).unwrap();
+    let candidates = run.planes.as_ref().unwrap().planes.iter().map(|plane| {
+        let is_level = plane.normal_in_world.z.abs() > 0.7;
+        let stands = plane.gone_into.is_none();
+        Candidate::new(plane.id, &plane.normal_in_world, &plane.polygon_in_world, is_level, stands, &evaluation.truth_from_estimate)
+    });
+    let candidates: Vec<Candidate> = candidates.collect();
+    Score::new(room, &seconds, LEAST_S, &candidates)
+}
+
+fn text(name: &str, score: &Score) -> String {
+    let ((angle, most_deg), (offset, most_m)) = (Score::spread(&score.angles_deg), Score::spread(&score.offsets_m));
+    format!(
+        "{name:26} floor {:5}  walls {:2} of {:2}  planes there {:2} of {:2}  flips {}  angle {angle:.2}, at most {most_deg:.2} deg  offset {:.1}, at most {:.1} cm",
+        score.floor_found,
+        score.walls_found,
+        score.walls,
+        score.planes_true,
+        score.planes,
+        score.flips,
+        100.0 * offset,
+        100.0 * most_m
+    )
+}
+
+/// A rendered room and the flight through it.
+struct Flown {
+    rendered: Arc<RenderedFlight>,
+    recording: Recording,
+    room: Vec<Rectangle>,
+}
+
+impl Flown {
+    fn new(source: &MotionSource, seed: u64) -> Self {
+        let rendered = Arc::new(RenderedFlight::new(source, &RenderConfig::default(), seed, seed).unwrap());
+        let (recording, _) = pipeline::rendered_recording("room", &rendered);
+        let room = rendered.world.scene.quads.iter().map(|quad| Rectangle::of(&quad.polygon())).collect();
+        Self { rendered, recording, room }
+    }
+
+    fn score(&self, depth: Depth, normals: bool) -> Score {
+        let network: Option<Box<dyn DepthNetwork>> = match depth {
+            Depth::None => None,
+            Depth::Exact => Some(Box::new(Exact(Arc::clone(&self.rendered)))),
+            Depth::Indoor => {
+                let Ok(choice) = "indoor".parse::<ModelChoice>();
+                choice.open(&self.recording.rig.camera, None).unwrap()
+            }
+        };
+        let run = run(&self.recording, network, normals);
+        let body_from_camera = self.recording.rig.body_from_camera;
+        let flight = &self.rendered.flight;
+        let poses = flight.frame_stamps.iter().step_by(4).map(|stamp| flight.world_from_camera(*stamp, &body_from_camera));
+        score(&self.recording, &run, &self.room, poses)
+    }
+}
+
+#[test]
+fn a_short_flight_with_exact_depth_finds_the_floor_and_nothing_that_is_not_there() {
+    let motion = AnalyticConfig { kind: MotionKind::Medium, duration_s: 16.0, ..AnalyticConfig::default() };
+    let score = Flown::new(&MotionSource::Analytic(motion, ImuConfig::default()), 7).score(Depth::Exact, true);
+    println!("{}\n{:#?}", text("16 s", &score), score.remarks);
+    assert!(score.floor_found && score.planes == score.planes_true && score.flips == 0);
+}
+
+/// The grid stands on no wall: it is found as one, from corners alone, and nothing else is.
+#[test]
+#[ignore = "fails: among points alone a plane needs a tenth of them to count, and the grid is found with 3 % only, with which rooms have false walls"]
+fn a_real_grid_of_tags_is_a_plane() {
+    let Some(folder) = data("imu_april") else { return };
+    let recording = dataset::open(&folder, &Config::default().dataset).unwrap();
+    let run = run(&recording, None, true);
+    let grid = Rectangle::of(&[Vector3::zeros(), Vector3::x() * 0.65, Vector3::new(0.65, 0.65, 0.0), Vector3::y() * 0.65]);
+    let evaluation = evaluate(&run.trajectory(), recording.truth.as_ref().unwrap(), &Config::default().evaluation).unwrap();
+    let mut found = 0;
+    for plane in run.planes.as_ref().unwrap().planes.iter().filter(|plane| plane.gone_into.is_none()) {
+        let candidate =
+            Candidate::new(plane.id, &plane.normal_in_world, &plane.polygon_in_world, false, true, &evaluation.truth_from_estimate);
+        println!("{:?}: {:?}, {} hits", plane.class, candidate.errors(&grid), plane.hits);
+        let (angle_deg, offset_m) = candidate.errors(&grid).unwrap();
+        assert!(angle_deg < 1.5 && offset_m < 0.05, "{angle_deg} deg, {offset_m} m");
+        found += 1;
+    }
+    assert_eq!(found, 1);
+}
+
+/// The room and boxes of another renderer.
+fn other_room(folder: &Path) -> Vec<Rectangle> {
+    let scene: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(folder.join("scene.json")).unwrap()).unwrap();
+    let vector = |value: &serde_json::Value| Vector3::from_iterator(value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()));
+    let mut all = Vec::new();
+    let boxes = scene["boxes"].as_array().unwrap().iter().map(|block| (block, false));
+    for (block, is_inside) in std::iter::once((&scene["room"], true)).chain(boxes) {
+        let (low, high) = (vector(&block["min"]), vector(&block["max"]));
+        for (axis, is_high) in (0..3).flat_map(|axis| [(axis, false), (axis, true)]) {
+            let mut corner = low;
+            if is_high {
+                corner[axis] = high[axis];
+            }
+            let side = |k: usize| Vector3::ith(k, high[k] - low[k]);
+            let (mut u, mut v) = (side((axis + 1) % 3), side((axis + 2) % 3));
+            if is_high == is_inside {
+                std::mem::swap(&mut u, &mut v);
+            }
+            all.push(Rectangle::of(&[corner, corner + u, corner + u + v, corner + v]));
+        }
+    }
+    all
+}
+
+#[test]
+#[ignore = "minutes"]
+fn rooms_of_another_renderer() {
+    let mut total = Score::default();
+    for sequence in ["V1_01", "V1_02"] {
+        let (Some(shared), Some(script)) = (data(&format!("semi_real/{sequence}")), data("semi_real/unpack.sh")) else { return };
+        if Command::new("ffmpeg").arg("-version").output().is_err() {
+            println!("skipped: no ffmpeg to decode semi_real/{sequence}");
+            return;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        assert!(Command::new("sh").arg(script).arg(folder.path()).arg(sequence).status().unwrap().success());
+        let recording = dataset::open(&folder.path().join(sequence), &Config::default().dataset).unwrap();
+        let room = other_room(&shared);
+        let truth = recording.truth.as_ref().unwrap();
+        let body_from_camera = recording.rig.body_from_camera;
+        for depth in ["none", "indoor"] {
+            let Ok(choice) = depth.parse::<ModelChoice>();
+            let run = run(&recording, choice.open(&recording.rig.camera, None).unwrap(), true);
+            let poses = (0..recording.listed_frames)
+                .step_by(4)
+                .filter_map(|index| truth.at(recording.frames.stamp(index)?, libella_core::time::Span::from_millis(100)));
+            let score = score(&recording, &run, &room, poses.map(|body| body * body_from_camera));
+            println!("{}\n    {}", text(&format!("{sequence} {depth}"), &score), score.remarks.join("\n    "));
+            total.add(&score);
+        }
+    }
+    println!("{}", text("all", &total));
+}
+
+/// Ten rooms that nothing was made for, on recorded motions of a minute.
+#[test]
+#[ignore = "an hour on two cores"]
+fn ten_unseen_rooms() {
+    let only = std::env::var("LIBELLA_ROOMS").ok().map(|list| list.split(',').map(|room| room.parse().unwrap()).collect::<Vec<u64>>());
+    let sequences = ["V1_01_easy", "V1_02_medium", "V2_01_easy"];
+    let ways = [(Depth::None, true), (Depth::Exact, true), (Depth::Exact, false), (Depth::Indoor, true), (Depth::Indoor, false)];
+    let mut totals = ways.map(|_| (Score::default(), 0));
+    for room in only.unwrap_or_else(|| (101..=110).collect()) {
+        let sequence = sequences[room as usize % 3];
+        let Some(folder) = data(&format!("euroc_motion/{sequence}")) else { return };
+        let source = MotionSource::Recorded(folder, RealMotionConfig { duration_s: 60.0, ..RealMotionConfig::default() });
+        let flown = Flown::new(&source, room);
+        for ((depth, normals), total) in ways.into_iter().zip(&mut totals) {
+            let score = flown.score(depth, normals);
+            println!("{}\n    {}", text(&format!("{room} {depth:?} normals {normals}"), &score), score.remarks.join("\n    "));
+            total.0.add(&score);
+            total.1 += usize::from(score.floor_found);
+        }
+    }
+    for ((depth, normals), (total, floors)) in ways.into_iter().zip(&totals) {
+        let (recall, precision) = (total.recall(), total.precision());
+        println!(
+            "{}  floors {floors} recall {recall:.3} precision {precision:.3}",
+            text(&format!("all {depth:?} normals {normals}"), total)
+        );
+    }
+}

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import onnx
 import torch
 
 import augment
 import losses
 import metrics
+from average import averaged
 from camera import CANONICAL, EUROC, HEIGHT, WIDTH
 from data import boxes_depth, split, turned
 from network import DepthNetwork, folded, unfolded
@@ -203,6 +205,17 @@ class Network(unittest.TestCase):
             # The normalisations are those of these images, so training goes on from the same function.
             again.train()
             self.assertLess((again(images)[0] - expected).abs().max(), 1e-4)
+
+    def test_an_average_lies_between_two_networks_and_only_between_two_of_a_kind(self):
+        def model(value, name="weight"):
+            weight = onnx.numpy_helper.from_array(np.full(3, value, np.float32), name)
+            return onnx.helper.make_model(onnx.helper.make_graph([], "g", [], [], [weight]))
+
+        mixed = averaged(model(1.0), model(2.0), 0.7)
+        np.testing.assert_allclose(onnx.numpy_helper.to_array(mixed.graph.initializer[0]), 1.7, rtol=1e-6)
+        for share, other in ((0.5, model(2.0, "bias")), (1.5, model(2.0))):
+            with self.assertRaises(ValueError):
+                averaged(model(1.0), other, share)
 
     def test_augmentation_is_a_function_of_its_generator(self):
         image = torch.rand(3, 1, HEIGHT, WIDTH)

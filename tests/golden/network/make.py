@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Writes the files of this folder: what PyTorch says of one made-up image, and small ONNX files with one thing wrong each.
 
-    make.py --training ../../../training --indoor indoor.pt --euroc euroc.pt
+    make.py --training ../../../training --indoor ../../../host/models/indoor.onnx --euroc euroc.pt
 
-Needs training/requirements.txt; the weights are those that host/models were exported from.
+Needs training/requirements.txt; the weights are those that host/models were exported from, or an export itself, whose
+weights are then put into PyTorch's network.
 """
 
 import argparse
@@ -28,12 +29,17 @@ def image() -> np.ndarray:
 def references(training: Path, weights: dict[str, Path]):
     sys.path.insert(0, str(training))
     import torch
-    from network import DepthNetwork
+    from network import DepthNetwork, folded
 
     torch.set_num_threads(1)
     for name, path in weights.items():
         network = DepthNetwork()
-        network.load_state_dict(torch.load(path, map_location="cpu", weights_only=True)["average"])
+        if path.suffix == ".onnx":
+            network = folded(network)
+            stored = onnx.load(str(path)).graph.initializer
+            network.load_state_dict({entry.name: torch.from_numpy(numpy_helper.to_array(entry).copy()) for entry in stored}, strict=True)
+        else:
+            network.load_state_dict(torch.load(path, map_location="cpu", weights_only=True)["average"])
         network.eval()
         with torch.no_grad():
             parts = network(torch.from_numpy(image().astype(np.float32) / 255)[None, None])

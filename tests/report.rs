@@ -199,40 +199,6 @@ fn the_rows_of_the_frames_are_those_of_the_run() {
     assert!(sigma.len() > 3 && sigma.iter().all(|sigma| *sigma > 0.0) && sigma.last() < sigma.first(), "{sigma:?}");
 }
 
-/// Every view with planes has a picture of them, outlines within the image, and as many on the page. Returns the outlines.
-fn check_planes_in_views(folder: &Path) -> usize {
-    let views: Value = serde_json::from_str(&std::fs::read_to_string(folder.join("views/views.json")).unwrap()).unwrap();
-    let mut outlines = 0;
-    for view in views.as_array().unwrap() {
-        let planes = view["planes"].as_array().unwrap();
-        assert_eq!(planes.is_empty(), view["overlay"].is_null());
-        if let Some(name) = view["overlay"].as_str() {
-            assert!(folder.join("views").join(name).is_file(), "{name}");
-        }
-        for plane in planes {
-            let outline: Vec<[f64; 2]> = serde_json::from_value(plane["outline_px"].clone()).unwrap();
-            assert!(outline.len() > 2);
-            for pixel in outline {
-                // Rims of the image are half a pixel outside of the centres of its outermost pixels.
-                assert!((0..2).all(|axis| (-0.5..=view["size_px"][axis].as_f64().unwrap() - 0.5).contains(&pixel[axis])), "{pixel:?}");
-            }
-        }
-        outlines += planes.len();
-    }
-    let page = outline(&std::fs::read_to_string(folder.join("report.html")).unwrap());
-    let shots = parsed(&page);
-    let shots = shots.descendants().filter(|node| node.attribute("class") == Some("shot"));
-    let drawn =
-        shots.flat_map(|shot| shot.descendants()).filter(|node| node.attribute("class").is_some_and(|class| class.starts_with("plane ")));
-    assert_eq!(drawn.count(), outlines);
-    outlines
-}
-
-#[test]
-fn planes_lie_over_the_views() {
-    assert!(check_planes_in_views(&folders().path("whole")) > 0);
-}
-
 #[test]
 fn without_truth_and_without_a_start_the_page_says_so() {
     let said = page("no_truth");

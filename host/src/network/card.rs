@@ -226,21 +226,22 @@ mod tests {
     #[test]
     fn what_is_wrong_is_said_in_one_sentence() {
         let good = SHIPPED[0];
+        let sigma = good.lines().find(|line| line.starts_with("sigma_per_u = ")).unwrap();
         for (from, to, said) in [
             ("kind = \"inverse\"", "kind = \"disparity\"", "line 13: is no description of a network"),
             ("[depth]", "[deep]", "unknown field"),
             ("name = \"image\"", "title = \"image\"", "unknown field"),
-            ("sigma_per_u = 0.966", "sigma_per_u = -1", "sigma_per_u = -1 is not between"),
-            ("sigma_per_u = 0.966", "sigma_per_u = nan", "sigma_per_u = NaN is not between"),
-            ("sigma_per_u = 0.966", "sigma_log = 0.3", "has no `sigma_per_u`"),
-            ("sigma_per_u = 0.966", "sigma_per_u = 1\nsigma_log = 0.3", "both"),
+            (sigma, "sigma_per_u = -1", "sigma_per_u = -1 is not between"),
+            (sigma, "sigma_per_u = nan", "sigma_per_u = NaN is not between"),
+            (sigma, "sigma_log = 0.3", "has no `sigma_per_u`"),
+            (sigma, "sigma_per_u = 1\nsigma_log = 0.3", "both"),
             ("[0.609912,", "[458.0,", "are no camera's"),
             ("[0.609912,", "[nan,", "are no camera's"),
             ("[0.609912,", "[", "is no description of a network"),
-            ("sigma_per_u = 0.966", "sigma_per_u = 1\nfile = \"../../etc/passwd\"", "leads out of the folder"),
-            ("sigma_per_u = 0.966", "sigma_per_u = 1\nfile = \"/etc/passwd\"", "leads out of the folder"),
-            ("sigma_per_u = 0.966", "sigma_per_u = 1\nfile = \"..\"", "leads out of the folder"),
-            ("sigma_per_u = 0.966", "sigma_per_u = 1\nfile = 'c:\\x.onnx'", "leads out of the folder"),
+            (sigma, "sigma_per_u = 1\nfile = \"../../etc/passwd\"", "leads out of the folder"),
+            (sigma, "sigma_per_u = 1\nfile = \"/etc/passwd\"", "leads out of the folder"),
+            (sigma, "sigma_per_u = 1\nfile = \"..\"", "leads out of the folder"),
+            (sigma, "sigma_per_u = 1\nfile = 'c:\\x.onnx'", "leads out of the folder"),
         ] {
             let text = good.replace(from, to);
             assert_ne!(text, good, "{from}");

@@ -9,10 +9,10 @@ mod support {
 
 use libella_core::camera::{Camera, CameraModel, PinholeRadTan};
 use libella_core::depth::DepthView;
-use libella_core::robust::ransac::Generator;
 use libella_core::time::Timestamp;
 use libella_core::track::TrackId;
 use libella_host::planes::{DepthLook, FoundPlane, PlaneFinder, PlanesConfig};
+use libella_host::sim::random::Random;
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
 use support::plane_truth::{Candidate, Rectangle, first_hit};
 
@@ -121,12 +121,6 @@ fn world_from_camera(seconds: f64) -> Isometry3<f64> {
     Isometry3::from_parts(position.into(), UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes)))
 }
 
-/// Box and Muller.
-fn normal(generator: &mut Generator) -> f64 {
-    let radius = (-2.0 * (1.0 - generator.unit::<f64>()).ln()).sqrt();
-    radius * (std::f64::consts::TAU * generator.unit::<f64>()).cos()
-}
-
 struct Landmark {
     track: TrackId,
     point: Vector3<f64>,
@@ -142,7 +136,7 @@ struct Follower {
 }
 
 impl Follower {
-    fn see(&mut self, scene: &Scene, camera: &CameraModel<f64>, pose: &Isometry3<f64>, seconds: f64, generator: &mut Generator) {
+    fn see(&mut self, scene: &Scene, camera: &CameraModel<f64>, pose: &Isometry3<f64>, seconds: f64, random: &mut Random) {
         let center = pose.translation.vector;
         self.landmarks.retain_mut(|landmark| {
             landmark.point.y += landmark.speed_m_s / RATE_HZ;
@@ -152,9 +146,9 @@ impl Follower {
             seen && scene.cast(seconds, &center, &(landmark.point - center)).is_some_and(|(way, _)| way > 0.98)
         });
         while self.landmarks.len() < LANDMARKS {
-            let ray = pose.rotation * Vector3::new(1.6 * generator.unit::<f64>() - 0.8, 1.2 * generator.unit::<f64>() - 0.6, 1.0);
+            let ray = pose.rotation * Vector3::new(random.between(-0.8, 0.8), random.between(-0.6, 0.6), 1.0);
             let Some((way, speed_m_s)) = scene.cast(seconds, &center, &ray) else { continue };
-            let error_m = ray * (way * 0.01 * normal(generator));
+            let error_m = ray * (way * 0.01 * random.normal());
             self.landmarks.push(Landmark { track: TrackId(self.next), point: center + ray * way, error_m, speed_m_s });
             self.next += 1;
         }
@@ -165,13 +159,13 @@ impl Follower {
 fn found(scene: &Scene, seed: u64) -> Vec<FoundPlane> {
     let config = PlanesConfig { used: false, theta_m: 0.05, steady_after: 6, follow: 0.1, normals: scene.normals };
     let mut finder = PlaneFinder::new(config).unwrap();
-    let (camera, mut generator) = (camera(), Generator::new(seed));
+    let (camera, mut random) = (camera(), Random::new(seed, "scene"));
     let mut follower = Follower { landmarks: Vec::new(), next: 0 };
     let told_from_world = UnitQuaternion::from_euler_angles(0.6 * scene.gravity_error_rad, 0.8 * scene.gravity_error_rad, 0.0);
     for image in 0..IMAGES {
         let seconds = image as f64 / RATE_HZ;
         let pose = world_from_camera(seconds);
-        follower.see(scene, &camera, &pose, seconds, &mut generator);
+        follower.see(scene, &camera, &pose, seconds, &mut random);
         let seen: Vec<_> = follower.landmarks.iter().map(|l| (l.track, told_from_world * (l.point + l.error_m))).collect();
         let stamp = Timestamp::from_nanos((seconds * 1e9) as i64);
         let told = told_from_world * pose;
@@ -179,12 +173,12 @@ fn found(scene: &Scene, seed: u64) -> Vec<FoundPlane> {
             finder.see(&seen, &told.translation.vector, stamp, None);
             continue;
         }
-        let phases = [generator.unit::<f64>(), generator.unit::<f64>()].map(|turn| std::f64::consts::TAU * turn);
+        let phases = [(); 2].map(|()| random.between(0.0, std::f64::consts::TAU));
         let inverse = (0..MAP.0 * MAP.1).map(|index| {
             let (x, y) = ((index % MAP.0) as f64 / 25.0 - 0.78, (index / MAP.0) as f64 / 25.0 - 0.58);
             let error = match scene.maps {
                 Maps::Rough => 0.07 * ((3.0 * x + phases[0]).sin() + (3.0 * y + phases[1]).sin()),
-                _ => 0.01 * normal(&mut generator),
+                _ => 0.01 * random.normal(),
             };
             let way = scene.cast(seconds, &pose.translation.vector, &(pose.rotation * Vector3::new(x, y, 1.0)));
             way.map_or(0.0, |(way, _)| (-error).exp() / way) as f32

@@ -9,6 +9,8 @@
 
 mod support {
     pub mod flight;
+    #[allow(dead_code)]
+    pub mod recordings;
     pub mod tolerance;
 }
 
@@ -17,6 +19,7 @@ use std::path::PathBuf;
 use libella_core::real::Real;
 use libella_host::sim::{RealMotionConfig, Recording, real_motion};
 use support::flight::{Flown, fly, on_all_cores, real_config};
+use support::recordings::root;
 use support::tolerance::{ATE_GRAIN_M, ATE_MACHINE_HALL_M, ATE_VICON_ROOM_M, SCALAR_SHARE};
 
 const SEQUENCES: [(&str, f64); 4] = [
@@ -26,13 +29,9 @@ const SEQUENCES: [(&str, f64); 4] = [
     ("MH_04_difficult", ATE_MACHINE_HALL_M),
 ];
 
-fn data() -> PathBuf {
-    std::env::var_os("LIBELLA_DATA").map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from)
-}
-
 /// The folder of a sequence, or `None` with a word about it.
 fn folder(sequence: &str) -> Option<PathBuf> {
-    let path = data().join("euroc_motion").join(sequence);
+    let path = root().join("euroc_motion").join(sequence);
     if path.is_dir() {
         return Some(path);
     }

@@ -12,11 +12,12 @@
 
 mod support {
     pub mod flight;
+    #[allow(dead_code)]
+    pub mod recordings;
     pub mod tolerance;
 }
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -24,11 +25,12 @@ use std::time::Instant;
 use libella_core::estimator::{FrameOutcome, Health};
 use libella_core::time::Span;
 use libella_host::config::Config;
-use libella_host::dataset::{self, Recording};
+use libella_host::dataset::Recording;
 use libella_host::eval::{Trajectory, evaluate};
 use libella_host::pipeline::{self, Ended, Report};
 use libella_host::sim::{MotionSource, RealMotionConfig, RenderConfig, RenderedFlight};
 use support::flight::on_all_cores;
+use support::recordings::{data, of_another_renderer};
 use support::tolerance::{ATE_VICON_ROOM_M, ATE_WEAK_START_M};
 
 const SEQUENCES: [&str; 3] = ["V1_01_easy", "V1_02_medium", "V2_01_easy"];
@@ -37,17 +39,6 @@ const ROOMS: std::ops::RangeInclusive<u64> = 1..=3;
 const SCALE_PERCENT: f64 = 2.0;
 /// The part of a flight that is compared with another renderer's, s.
 const MINUTE_S: i64 = 60;
-
-fn data(below: &str) -> Option<PathBuf> {
-    let root =
-        std::env::var_os("LIBELLA_DATA").map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
-    let path = root.join(below);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("skipped: LIBELLA_DATA has no {below}");
-    None
-}
 
 /// Errors of a trajectory.
 #[derive(Debug, Clone, Copy)]
@@ -129,15 +120,7 @@ fn fly(sequence: &str, folder: &Path, room: u64, duration_s: f64) -> Row {
 
 /// The shared minute of another renderer, decoded into a temporary folder for the run.
 fn other_renderer(sequence: &str) -> Option<Row> {
-    data(&format!("semi_real/{sequence}"))?;
-    let script = data("semi_real/unpack.sh")?;
-    if Command::new("ffmpeg").arg("-version").output().is_err() {
-        println!("skipped: no ffmpeg to decode semi_real/{sequence}");
-        return None;
-    }
-    let folder = tempfile::tempdir().unwrap();
-    assert!(Command::new("sh").arg(script).arg(folder.path()).arg(sequence).status().unwrap().success());
-    let recording = dataset::open(&folder.path().join(sequence), &Config::default().dataset).unwrap();
+    let (_folder, recording) = of_another_renderer(sequence)?;
     let row = Row::of(format!("{sequence} other renderer"), &recording);
     println!("{}", row.text());
     Some(row)

@@ -10,10 +10,11 @@
 mod support {
     #[allow(dead_code)]
     pub mod plane_truth;
+    #[allow(dead_code)]
+    pub mod recordings;
 }
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -28,6 +29,7 @@ use libella_host::pipeline::{self, Run};
 use libella_host::sim::{AnalyticConfig, ImuConfig, MotionKind, MotionSource, RealMotionConfig, RenderConfig, RenderedFlight};
 use nalgebra::{Isometry3, Vector3};
 use support::plane_truth::{Candidate, Rectangle, Score, areas_in_view};
+use support::recordings::{data, of_another_renderer, root};
 
 /// A wall is in view where so much of it is, m².
 const IN_VIEW_M2: f64 = 2.0;
@@ -82,17 +84,6 @@ impl DepthNetwork for Exact {
     fn kind(&self) -> DepthKind {
         DepthKind::Metric
     }
-}
-
-fn data(below: &str) -> Option<PathBuf> {
-    let root =
-        std::env::var_os("LIBELLA_DATA").map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
-    let path = root.join(below);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("skipped: LIBELLA_DATA has no {below}");
-    None
 }
 
 fn run(recording: &Recording, network: Option<Box<dyn DepthNetwork>>, normals: bool) -> Run {
@@ -232,15 +223,8 @@ fn other_room(folder: &Path) -> Vec<Rectangle> {
 fn rooms_of_another_renderer() {
     let mut total = Score::default();
     for sequence in ["V1_01", "V1_02"] {
-        let (Some(shared), Some(script)) = (data(&format!("semi_real/{sequence}")), data("semi_real/unpack.sh")) else { return };
-        if Command::new("ffmpeg").arg("-version").output().is_err() {
-            println!("skipped: no ffmpeg to decode semi_real/{sequence}");
-            return;
-        }
-        let folder = tempfile::tempdir().unwrap();
-        assert!(Command::new("sh").arg(script).arg(folder.path()).arg(sequence).status().unwrap().success());
-        let recording = dataset::open(&folder.path().join(sequence), &Config::default().dataset).unwrap();
-        let room = other_room(&shared);
+        let Some((_folder, recording)) = of_another_renderer(sequence) else { return };
+        let room = other_room(&root().join("semi_real").join(sequence));
         let truth = recording.truth.as_ref().unwrap();
         let body_from_camera = recording.rig.body_from_camera;
         for depth in ["none", "indoor"] {

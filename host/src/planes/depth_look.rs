@@ -37,6 +37,8 @@ pub struct DepthLook<'a> {
 /// What a map says along one ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthReading {
+    /// Where in the image, raw px.
+    pub pixel: Vector2<f64>,
     /// In world, m.
     pub point_in_world: Vector3<f64>,
     /// Depth along the optical axis, m.
@@ -66,8 +68,9 @@ impl DepthLook<'_> {
     #[must_use]
     pub fn value(&self, i: usize, j: usize) -> Option<DepthReading> {
         let sample = self.map.value::<f64>(i, j)?;
-        let (ray, _) = self.camera.unproject_with_jacobian(&self.map.pixel(i, j))?;
-        Some(self.reading(&ray, &sample))
+        let pixel = self.map.pixel(i, j);
+        let (ray, _) = self.camera.unproject_with_jacobian(&pixel)?;
+        Some(self.reading(pixel, &ray, &sample))
     }
 
     /// What the map says where a point in world is seen, with the depth that the point itself has, m.
@@ -77,15 +80,17 @@ impl DepthLook<'_> {
         if point_in_camera.z <= 0.05 {
             return None;
         }
-        let sample = self.map.sample(&self.camera.project(&point_in_camera)?)?;
+        let pixel = self.camera.project(&point_in_camera)?;
+        let sample = self.map.sample(&pixel)?;
         let ray = point_in_camera.xy() / point_in_camera.z;
-        Some((self.reading(&ray, &sample), point_in_camera.z))
+        Some((self.reading(pixel, &ray, &sample), point_in_camera.z))
     }
 
-    fn reading(&self, ray: &Vector2<f64>, sample: &DepthSample<f64>) -> DepthReading {
+    fn reading(&self, pixel: Vector2<f64>, ray: &Vector2<f64>, sample: &DepthSample<f64>) -> DepthReading {
         let depth_m = self.scale / sample.inverse_depth;
         let point_in_camera = Vector3::new(ray.x, ray.y, 1.0) * depth_m;
         DepthReading {
+            pixel,
             point_in_world: self.world_from_camera.transform_point(&point_in_camera.into()).coords,
             depth_m,
             sigma_log: sample.sigma_log,
@@ -102,18 +107,16 @@ impl DepthLook<'_> {
         Some(self.world_from_camera.rotation * normal(&self.map, self.camera, (i, j), shift)?)
     }
 
-    /// The same where a point in world is seen, of the nearest value; `None` where the depths are not good enough for a normal.
+    /// The same of the value nearest to a reading; `None` where the depths are not good enough for a normal.
     #[must_use]
-    pub fn sure_normal_towards(&self, point_in_world: &Vector3<f64>, reading: &DepthReading) -> Option<Vector3<f64>> {
+    pub fn sure_normal(&self, reading: &DepthReading) -> Option<Vector3<f64>> {
         if !reading.tells_normals() {
             return None;
         }
-        let point_in_camera = self.world_from_camera.inverse_transform_point(&(*point_in_world).into()).coords;
-        let pixel = self.camera.project(&point_in_camera)?;
         let (width, height) = self.map.size();
         let (first, second) = (self.map.pixel::<f64>(0, 0), self.map.pixel::<f64>(1, 1));
         let place = |axis: usize, count: usize| {
-            let at = ((pixel[axis] - first[axis]) / (second[axis] - first[axis])).round();
+            let at = ((reading.pixel[axis] - first[axis]) / (second[axis] - first[axis])).round();
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
             (0.0..count as f64).contains(&at).then_some(at as usize)
         };
@@ -169,13 +172,13 @@ pub(super) mod tests {
         at_wall(2.0, [0.5, 0.0, 1.0], 0.05, |look| {
             let (reading, depth_m) = look.towards(&before).unwrap();
             assert!((reading.depth_m - 1.5).abs() < 1e-6 && (depth_m - 1.0).abs() < 1e-12);
-            assert!((look.sure_normal_towards(&before, &reading).unwrap() + Vector3::x()).norm() < 1e-5);
+            assert!((look.sure_normal(&reading).unwrap() + Vector3::x()).norm() < 1e-5);
             assert_eq!(look.towards(&Vector3::new(-1.0, 0.0, 1.0)), None, "behind the camera");
             assert_eq!(look.towards(&Vector3::new(1.0, 5.0, 1.0)), None, "outside of the image");
         });
         at_wall(2.0, [0.5, 0.0, 1.0], 0.1, |look| {
             let (reading, _) = look.towards(&before).unwrap();
-            assert_eq!(look.sure_normal_towards(&before, &reading), None, "10 % of noise say nothing of a normal");
+            assert_eq!(look.sure_normal(&reading), None, "10 % of noise say nothing of a normal");
         });
     }
 }

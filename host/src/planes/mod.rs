@@ -19,7 +19,6 @@ mod sight;
 mod weighted;
 
 pub use depth_look::{DepthLook, DepthReading};
-pub use depth_points::DepthPoints;
 pub use files::write;
 pub(crate) use files::{color_of, light_color_of, name_of};
 pub use finder::{FoundPlane, PlaneFinder, Planes, PlanesConfig};

@@ -60,7 +60,7 @@ impl MapPoints {
             if (reading.depth_m / depth_m).ln().abs() > GATE_SIGMA * reading.sigma_log.hypot(POINT_SIGMA_LOG) {
                 continue;
             }
-            let Some(normal_in_world) = look.sure_normal_towards(&point.point_in_world, &reading) else { continue };
+            let Some(normal_in_world) = look.sure_normal(&reading) else { continue };
             let distance_m = (point.point_in_world - center).norm();
             point.normal = Some(match point.normal {
                 None => NormalAverage { normal_in_world, distance_m },

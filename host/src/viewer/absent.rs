@@ -17,7 +17,6 @@ impl Viewer {
     /// # Errors
     /// Always: it says how to build a program that can.
     pub fn open(_target: &Target, _recording: &Recording, _has_depth: bool) -> Result<Self, Fault> {
-        Self::check()?;
         Err(missing())
     }
 

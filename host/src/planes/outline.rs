@@ -7,8 +7,8 @@
 //! Straight edges are bent by the lens: they are halved until a chord is off by less than [`BENT_PX`].
 //!
 //! # Degeneracy
-//! What lies 85° and more off the axis is left out. Points outside of the image where the lens model does not hold are drawn towards the
-//! axis until it does, which keeps them outside.
+//! What lies 85° and more off the axis, sideways or up and down, is left out. Points outside of the image where the lens model does not
+//! hold are drawn towards the axis until it does, which keeps them outside.
 
 use libella_core::camera::Camera;
 use nalgebra::{Isometry3, Vector2, Vector3};
@@ -185,7 +185,7 @@ mod tests {
                 let along = normal.dot(&(polygon[0] - eye)) / normal.dot(&ray);
                 let point = eye + ray * along;
                 let is_in = along * bearing.z > NEAR_M
-                    && bearing.z > 0.0875
+                    && bearing.xy().amax() < WIDEST * bearing.z
                     && edges(polygon).all(|(a, b)| (b - a).cross(&(point - a)).dot(&normal) >= 0.0);
                 inside += usize::from(is_in);
                 // A pixel within the tolerance of the edge, by which chord and arc may differ to either side, may fall on either side.
@@ -197,7 +197,6 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "fails: of one board 14 of 1344 pixels are more than a pixel on the wrong side of its outline; the reason is not known"]
     fn the_outline_holds_the_pixels_whose_rays_meet_the_polygon() {
         let turned = Isometry3::new(Vector3::new(0.1, -0.2, 0.3), Vector3::new(0.2, -0.4, 0.3));
         let floor: Vec<Vector3<f64>> = [[-3.0, -4.0], [3.0, -4.0], [3.0, 6.0], [-3.0, 6.0]].map(|[x, z]| Vector3::new(x, 1.2, z)).into();

@@ -126,6 +126,8 @@ pub struct FirstSigmaSection {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DatasetSection {
+    /// Images left out at the beginning, as though the camera had been switched on later. Default 0.
+    pub skip_images: usize,
     /// Images decoded ahead of the estimator at most. Default 8.
     pub images_ahead: usize,
     /// A longer pause between inertial samples is reported, ms. Default 50.
@@ -203,7 +205,7 @@ impl Default for FirstSigmaSection {
 
 impl Default for DatasetSection {
     fn default() -> Self {
-        Self { images_ahead: 8, max_imu_gap_ms: 50.0, max_image_gap_ms: 500.0, reacquired_corner_is_new: true }
+        Self { skip_images: 0, images_ahead: 8, max_imu_gap_ms: 50.0, max_image_gap_ms: 500.0, reacquired_corner_is_new: true }
     }
 }
 

@@ -211,6 +211,7 @@ fn open_for(purpose: Purpose, path: &Path, options: &DatasetSection, hints: &Hin
         (recording.truth, recording.truth_is_level) = (Some(truth), false);
     }
     keep_frames_with_imu(purpose, &mut recording, path)?;
+    skip_images(&mut recording, path, options.skip_images)?;
     report_image_gaps(&mut recording, path, options);
     if recording.truth.is_none() {
         remark(&mut recording.remarks, RemarkKind::NoTruth, || {
@@ -282,6 +283,19 @@ fn keep_frames_with_imu(purpose: Purpose, recording: &mut Recording, path: &Path
         let first = format!("{}: image before the first or after the last inertial sample is left out", path.display());
         recording.remarks.push(Remark { kind: RemarkKind::ImagesWithoutImu, count: outside, first });
     }
+    Ok(())
+}
+
+/// Leaves images out at the beginning.
+fn skip_images(recording: &mut Recording, path: &Path, count: usize) -> Result<(), Fault> {
+    if count == 0 {
+        return Ok(());
+    }
+    let Some(first) = recording.frames.stamp(count) else {
+        let what = format!("has {} images, and `dataset.skip_images` is {count}", recording.frames.len());
+        return Err(Fault::malformed(path, what, "skip fewer"));
+    };
+    recording.frames.retain(|stamp| stamp >= first);
     Ok(())
 }
 

@@ -8,8 +8,9 @@
 //!
 //! # Why runs
 //! The same recording and configuration give the same trajectory, bit for bit, so that one run says nothing of how much a figure
-//! hangs on decisions that could have fallen otherwise. The runs of a suite differ in their seed and in the magnitude of gravity, run
-//! `k` by `k` times 1e-9 m/s²: far below anything that means something, and enough to make rounding go other ways.
+//! hangs on decisions that could have fallen otherwise. Run `k` of a suite begins `k − 1` images later, as though the camera had been
+//! switched on so much later: other keyframes, other corners, another moment of the start. Its seed and, by `k − 1` times 1e-9 m/s²,
+//! its gravity differ too; those alone give the same trajectory to nine digits, since no decision hangs on rounding.
 
 mod fingerprint; // what determines a result, as a number
 mod median;

@@ -85,7 +85,7 @@ fn json(summary: &Summary<'_>) -> String {
 /// One line per run.
 fn csv(results: &[RunResult]) -> String {
     let mut text = String::from(
-        "sequence,variant,run,seed,gravity_m_s2,ended,frames,poses,initialised_after_s,ate_rmse_m,scale_error_percent,path_length_m,\
+        "sequence,variant,run,seed,gravity_m_s2,skipped_images,ended,frames,poses,initialised_after_s,ate_rmse_m,scale_error_percent,path_length_m,\
          pose_nees_mean,core_ms_median,wall_s\n",
     );
     let number = |value: Option<f64>| value.map(|value| format!("{value:.6}")).unwrap_or_default();
@@ -93,12 +93,13 @@ fn csv(results: &[RunResult]) -> String {
         // Writing to a String cannot fail.
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.2}",
+            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.2}",
             quoted(&run.sequence),
             run.variant.name(),
             run.run,
             run.seed,
             run.gravity_m_s2,
+            run.skipped_images,
             quoted(&run.ended),
             run.frames,
             run.poses,

@@ -15,7 +15,7 @@ use crate::network::{DepthNetwork, ModelChoice};
 use crate::pipeline::{self, Ended, Report};
 
 /// Counted up when what a result holds means something else than before.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 /// By how much gravity differs from run to run, m/s².
 const GRAVITY_STEP_M_S2: f64 = 1e-9;
 
@@ -49,6 +49,8 @@ pub struct RunResult {
     pub seed: u64,
     /// Magnitude of gravity of the run, m/s².
     pub gravity_m_s2: f64,
+    /// Images left out at the beginning.
+    pub skipped_images: usize,
     /// `complete`, or what the estimator said when it failed.
     pub ended: String,
     /// Images in the recording.
@@ -117,6 +119,7 @@ pub(super) fn jobs(plan: &Plan, sequences: &[PreparedSequence]) -> Result<Vec<Jo
                 let mut config = variant.applied_to(&plan.config, &plan.depth);
                 config.seed = config.seed.wrapping_add(u64::from(run - 1));
                 config.estimator.gravity_m_s2 += f64::from(run - 1) * GRAVITY_STEP_M_S2;
+                config.dataset.skip_images += run as usize - 1;
                 // What a configuration holds is text and finite numbers: it can always be written.
                 let text = serde_json::to_string(&config).unwrap_or_default();
                 let print = fingerprint::Fingerprint::new().add(&FORMAT.to_le_bytes()).add(sequence.fingerprint.as_bytes());
@@ -167,6 +170,7 @@ impl Job {
             build: self.build.clone(),
             seed: self.config.seed,
             gravity_m_s2: self.config.estimator.gravity_m_s2,
+            skipped_images: self.config.dataset.skip_images,
             ended,
             frames: report.frames,
             poses: report.poses,

@@ -1,4 +1,11 @@
 //! Where landmarks were when they were last seen, and which way their surfaces face.
+//!
+//! # Model
+//! The depth of a point comes from the angle `α` between the directions from which it was seen, each good to a pixel or so:
+//! ```text
+//! σ(ln depth)² = 0.03² + (√2 σ_bearing / sin α)²
+//! ```
+//! so that what lies far away, or was flown towards, proves little about what is before it.
 
 use std::collections::BTreeMap;
 
@@ -17,8 +24,10 @@ const LEAST_LOOKS: u32 = 10;
 const MOST: usize = 20_000;
 /// Standard deviations by which a depth map may miss a landmark and still show the surface that it lies on.
 const GATE_SIGMA: f64 = 3.0;
-/// What the landmark's own depth may be off, of the logarithm.
+/// What the landmark's own depth may be off whatever the angle that it was seen under, of the logarithm: the scale of the map, mostly.
 const POINT_SIGMA_LOG: f64 = 0.03;
+/// Of the direction in which a point is seen: a pixel of a camera with 450 pixels of focal length, rad.
+const BEARING_SIGMA_RAD: f64 = 1.0 / 450.0;
 
 /// A point of the map.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,9 +35,18 @@ struct MapPoint {
     point_in_world: Vector3<f64>,
     /// Where it was seen from when its depth became known, m.
     seen_from: Vector3<f64>,
+    /// The sine of the widest angle between that direction and a later one.
+    parallax: f64,
     last_seen: Timestamp,
     looks: u32,
     normal: Option<NormalAverage<f64>>,
+}
+
+impl MapPoint {
+    /// Standard deviation of the logarithm of its depth.
+    fn sigma_log(&self) -> f64 {
+        POINT_SIGMA_LOG.hypot(core::f64::consts::SQRT_2 * BEARING_SIGMA_RAD / self.parallax.max(1e-3))
+    }
 }
 
 /// The latest estimate of every landmark, those that have left the window included.
@@ -43,9 +61,12 @@ impl MapPoints {
         if !point_in_world.iter().all(|value| value.is_finite()) {
             return;
         }
-        let new = MapPoint { point_in_world, seen_from: *viewer_in_world, last_seen: stamp, looks: 0, normal: None };
+        let new = MapPoint { point_in_world, seen_from: *viewer_in_world, parallax: 0.0, last_seen: stamp, looks: 0, normal: None };
         let point = self.points.entry(track).or_insert(new);
-        *point = MapPoint { point_in_world, last_seen: stamp, looks: point.looks + 1, ..*point };
+        let (first, now) = (point_in_world - point.seen_from, point_in_world - viewer_in_world);
+        // f64::max leaves out what is no number: a point where the camera is.
+        let parallax = (first.cross(&now).norm() / (first.norm() * now.norm())).max(point.parallax);
+        *point = MapPoint { point_in_world, parallax, last_seen: stamp, looks: point.looks + 1, ..*point };
         while self.points.len() > MOST {
             self.points.pop_first();
         }
@@ -57,7 +78,7 @@ impl MapPoints {
         for point in self.points.values_mut().filter(|point| point.last_seen == stamp) {
             let Some((reading, depth_m)) = look.towards(&point.point_in_world) else { continue };
             // Behind an edge, or a depth that is wrong: another surface.
-            if (reading.depth_m / depth_m).ln().abs() > GATE_SIGMA * reading.sigma_log.hypot(POINT_SIGMA_LOG) {
+            if (reading.depth_m / depth_m).ln().abs() > GATE_SIGMA * reading.sigma_log.hypot(point.sigma_log()) {
                 continue;
             }
             let Some(normal_in_world) = look.sure_normal(&reading) else { continue };
@@ -84,7 +105,7 @@ impl MapPoints {
                 source: Source::MapPoint,
             },
             from: point.seen_from,
-            sigma_log: POINT_SIGMA_LOG,
+            sigma_log: point.sigma_log(),
             is_sought: true,
         })
     }
@@ -110,6 +131,23 @@ mod tests {
         assert_eq!(points.usable().collect::<Vec<_>>(), [(TrackId(7), Vector3::new(last, 0.0, 0.0))]);
         points.note(TrackId(7), Vector3::new(f64::NAN, 0.0, 0.0), &Vector3::zeros(), Timestamp::from_nanos(99));
         assert_eq!(points.usable().count(), 1, "what is no number is left out");
+    }
+
+    #[test]
+    fn a_wide_angle_makes_a_point_sure_and_coming_nearer_does_not() {
+        let sigma_log = |viewers: [[f64; 3]; 2]| {
+            let mut points = MapPoints::default();
+            for look in 0..LEAST_LOOKS {
+                let viewer = Vector3::from(viewers[look as usize % 2]);
+                points.note(TrackId(1), Vector3::new(0.0, 0.0, 4.0), &viewer, Timestamp::from_nanos(0));
+            }
+            points.recent(Timestamp::from_nanos(0), Span::from_millis(0)).next().unwrap().sigma_log
+        };
+        // At right angles each direction gives the other's depth: two bearings, each with its sigma.
+        let across = sigma_log([[0.0; 3], [4.0, 0.0, 4.0]]);
+        assert!((across - POINT_SIGMA_LOG.hypot(core::f64::consts::SQRT_2 * BEARING_SIGMA_RAD)).abs() < 1e-12);
+        let [wide, narrow, ahead] = [[0.8, 0.0, 0.0], [0.08, 0.0, 0.0], [0.0, 0.0, 2.0]].map(|to| sigma_log([[0.0; 3], to]));
+        assert!(across < wide && wide < 0.04 && (0.14..0.17).contains(&narrow) && ahead > 1.0, "{wide} {narrow} {ahead}");
     }
 
     #[test]

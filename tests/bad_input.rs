@@ -1,16 +1,13 @@
 //! Damaged recordings: each is refused before the run with its place named, or goes on with a remark that counts it.
-#![allow(clippy::unwrap_used)]
-
-mod support;
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
+use crate::support::{Folder, SIZE, START_NS};
 use libella_host::config::Config;
 use libella_host::dataset::{self, Event, RemarkKind};
 use libella_host::fault::{Fault, FaultKind};
 use libella_host::pipeline::{self, Ended};
-use support::{Folder, SIZE, START_NS};
 
 const IMU: &str = "imu0/data.csv";
 const IMAGES: &str = "cam0/data.csv";

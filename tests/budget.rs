@@ -1,6 +1,6 @@
 //! What an estimator weighs: each profile's size against its budget, at compile time, and in print.
 //!
-//! `cargo test --test budget -- --nocapture` prints the table.
+//! `cargo test --test system budget:: -- --nocapture` prints the table.
 
 use libella_core::image::PyramidPair;
 use libella_core::profile::{Desktop, Micro, MicroPyramids, Mobile};

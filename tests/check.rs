@@ -1,10 +1,8 @@
 //! `libella check` names each planted fault and is silent about clean recordings.
-#![allow(clippy::unwrap_used)]
-
-mod support;
 
 use std::sync::Arc;
 
+use crate::support::real_data;
 use libella_core::camera::CameraModel;
 use libella_core::imu::ImuSample;
 use libella_core::time::{Span, Timestamp};
@@ -16,7 +14,6 @@ use libella_host::sim::{
     AnalyticConfig, FeatureConfig, ImuConfig, MotionKind, MotionSource, RenderConfig, RenderedFlight, SimulationConfig, simulate,
 };
 use nalgebra::{UnitQuaternion, Vector3};
-use support::real_data;
 
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 

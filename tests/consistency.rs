@@ -21,17 +21,12 @@
 //! in motion      5.06   5.53   5.80   6.13
 //! ```
 
-mod support {
-    pub mod flight;
-    pub mod tolerance;
-}
-
+use crate::support::flight::{Flown, Knowledge, fly, on_all_cores, simulated_config, truth_at};
+use crate::support::tolerance::{NEES_GAUGE_SIGMA, NEES_SHARE_LEAST, NEES_SHARE_MOST};
 use libella_core::imu::NavState;
 use libella_core::time::{Span, Timestamp};
 use libella_host::sim::{AnalyticConfig, FeatureConfig, MotionKind, Recording, SimulationConfig, simulate};
 use nalgebra::{Matrix4, Matrix6, SMatrix, UnitQuaternion, Vector3, Vector6};
-use support::flight::{Flown, Knowledge, fly, on_all_cores, simulated_config, truth_at};
-use support::tolerance::{NEES_GAUGE_SIGMA, NEES_SHARE_LEAST, NEES_SHARE_MOST};
 
 /// When the error is looked at, s after initialisation; the last one has to lie in the 99 % band, the others near it.
 const LOOKS_S: [f64; 2] = [4.0, 7.0];
@@ -172,7 +167,7 @@ fn the_stated_covariance_holds_while_leaving_rest() {
 }
 
 #[test]
-#[ignore = "200 runs of 40 s, from rest and in motion: cargo test --release --test consistency -- --ignored --nocapture"]
+#[ignore = "200 runs of 40 s, from rest and in motion: cargo test --release --test system consistency:: -- --ignored --nocapture"]
 fn the_stated_covariance_stays_that_of_the_errors_made() {
     let looks_s = [5.0, 10.0, 20.0, 40.0];
     judge("from rest", &study(1000..1100, 1.5, &looks_s), &looks_s, 100, InTheEnd::Near);

@@ -1,20 +1,14 @@
 //! Bad days: motions that teach nothing, sensors that fall silent or lie.
 
-mod support {
-    pub mod flight;
-    pub mod motion;
-    pub mod tolerance;
-}
-
+use crate::support::flight::{Flown, Pilot, fly, in_scalar, on_all_cores, real_config, simulated_config, truth_at, with_room};
+use crate::support::motion::Script;
+use crate::support::tolerance::{ATE_VICON_ROOM_M, ATE_WEAK_START_M, REST_DRIFT_M, SCALE_PERCENT};
 use libella_core::estimator::{EstimatorConfig, FrameOutcome, Health, InputError, Waiting};
 use libella_core::imu::ImuSample;
 use libella_core::time::{Span, Timestamp};
 use libella_core::track::{Observation, TrackId};
 use libella_host::sim::{FeatureConfig, MotionKind, Recording};
 use nalgebra::{Isometry3, UnitQuaternion, Vector2, Vector3};
-use support::flight::{Flown, Pilot, fly, in_scalar, on_all_cores, real_config, simulated_config, truth_at, with_room};
-use support::motion::Script;
-use support::tolerance::{ATE_VICON_ROOM_M, ATE_WEAK_START_M, REST_DRIFT_M, SCALE_PERCENT};
 
 /// Seconds since the first image of the recording.
 fn clock(recording: &Recording, stamp: Timestamp) -> f64 {
@@ -63,7 +57,7 @@ fn standing_still_for_a_minute_neither_drifts_nor_breaks_scale() {
         let flown = fly::<f64>(&recording, simulated_config(&recording));
         let resting: Vec<_> = flown.states.iter().filter(|known| (9.5..68.5).contains(&clock(&recording, known.stamp))).collect();
         let first = resting.first().unwrap_or_else(|| panic!("no pose at rest"));
-        let drift = |known: &support::flight::Knowledge| (known.state.position_in_world - first.state.position_in_world).norm();
+        let drift = |known: &crate::support::flight::Knowledge| (known.state.position_in_world - first.state.position_in_world).norm();
         let farthest = resting.iter().map(|known| drift(known)).fold(0.0, f64::max);
         println!("a minute at rest: {} poses, {farthest:.4} m away at most", resting.len());
         assert!(farthest < REST_DRIFT_M, "drifted {farthest:.3} m at rest");

@@ -2,21 +2,15 @@
 //!
 //! Tracks, inertial samples and depths are simulated. A depth errs by a factor of the whole image, that walks (7 %), one of its landmark
 //! (10 %) and one of the look (5 %), and says so.
-#![allow(clippy::unwrap_used)]
 
-mod support {
-    pub mod flight;
-    pub mod tolerance;
-}
-
+use crate::support::flight::{Flown, Pilot, on_all_cores, real_config, truth_at};
+use crate::support::tolerance::ATE_GRAIN_M;
 use libella_core::depth::{DepthSample, Verdict};
 use libella_core::estimator::EstimatorConfig;
 use libella_core::real::Real;
 use libella_host::sim::random::Random;
 use libella_host::sim::{AnalyticConfig, FeatureConfig, MotionKind, Recording, SimulationConfig, simulate_with_landmarks};
 use nalgebra::{Point3, Vector3};
-use support::flight::{Flown, Pilot, on_all_cores, real_config, truth_at};
-use support::tolerance::ATE_GRAIN_M;
 
 const SIGMA_PX: f64 = 0.5;
 /// Of the logarithm: of the image (walking, with a memory of 50 images), of the landmark, of the look.

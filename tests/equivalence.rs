@@ -1,15 +1,9 @@
 //! `f32` gives the trajectory of `f64`, within what the project promises.
 
-mod support {
-    pub mod flight;
-    pub mod motion;
-    pub mod tolerance;
-}
-
+use crate::support::flight::{fly, on_all_cores, simulated_config};
+use crate::support::motion::Script;
+use crate::support::tolerance::{ATE_GRAIN_M, ATE_VICON_ROOM_M, SCALAR_SHARE};
 use libella_host::sim::MotionKind;
-use support::flight::{fly, on_all_cores, simulated_config};
-use support::motion::Script;
-use support::tolerance::{ATE_GRAIN_M, ATE_VICON_ROOM_M, SCALAR_SHARE};
 
 #[test]
 fn single_precision_is_as_accurate_as_double() {

@@ -1,16 +1,13 @@
 //! Real recordings from end to end, whole and damaged. Without `LIBELLA_DATA` these tests are skipped.
-#![allow(clippy::unwrap_used)]
-
-mod support;
 
 use std::sync::atomic::AtomicBool;
 
+use crate::support::real_data;
 use libella_core::estimator::{FrameOutcome, Health, Waiting};
 use libella_core::time::Span;
 use libella_host::config::{Config, Scalar};
 use libella_host::dataset::{self, Frames, Recording};
 use libella_host::pipeline::{self, Ended, FrameResult, Report, Run};
-use support::real_data;
 
 const MH_01: &str = "euroc/MH_01_easy";
 

@@ -1,5 +1,4 @@
 //! Error figures against those of the PyPI package `evo` on the same files (`golden/evo/make.py`).
-#![allow(clippy::unwrap_used)]
 
 use std::path::Path;
 

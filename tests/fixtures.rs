@@ -1,12 +1,8 @@
 //! The room that other tests move through tells one story: its inertial samples integrate to its poses, and its images
 //! show each landmark where the camera says it is.
 
-mod support {
-    pub mod room;
-}
-
+use crate::support::room::{self, GRAVITY_M_S2, HEIGHT, Renderer, WIDTH};
 use nalgebra::{UnitQuaternion, Vector3};
-use support::room::{self, GRAVITY_M_S2, HEIGHT, Renderer, WIDTH};
 
 /// Midpoint steps of 0.2 ms over half a second; the error of the rule goes with the square of the step.
 #[test]

@@ -1,14 +1,11 @@
 //! The same recording in every format: one trajectory, bit for bit; and each format broken, which ends in one sentence.
-#![allow(clippy::unwrap_used)]
-
-#[path = "support/pack.rs"]
-mod pack;
-mod support;
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use crate::support::pack::{self, Message, Packing, Pixels, Wire};
+use crate::support::{Folder, real_data};
 use libella_core::camera::CameraModel;
 use libella_core::time::Span;
 use libella_host::check::{CheckOptions, FindingKind, Severity, check};
@@ -17,8 +14,6 @@ use libella_host::dataset::{self, Event, Hints, Layout, Recording, RemarkKind};
 use libella_host::fault::{Fault, FaultKind};
 use libella_host::pipeline;
 use libella_host::sim::{self, AnalyticConfig, AslOptions, ImuConfig, MotionKind, MotionSource, RenderConfig, RenderedFlight};
-use pack::{Message, Packing, Pixels, Wire};
-use support::{Folder, real_data};
 use tempfile::TempDir;
 
 fn open(path: &Path, hints: &Hints) -> Result<Recording, Fault> {

@@ -1,7 +1,5 @@
 //! The planes of whole flights: found from the corners of one camera, against the room that was flown through.
 
-#![allow(clippy::unwrap_used)]
-
 use std::sync::atomic::AtomicBool;
 
 use libella_core::plane::PlaneClass;

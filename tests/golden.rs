@@ -1,14 +1,13 @@
 //! Figures of the odometry on simulated flights against a reviewed table, `golden/ate.txt`.
 //!
-//! A change of the algorithm shows as a diff of that file. `cargo test --test golden` runs the rows marked `fast`. All rows, in about ten minutes:
+//! A change of the algorithm shows as a diff of that file. `cargo test --test system golden::` runs the rows marked `fast`. All rows, in about ten minutes:
 //! ```sh
-//! cargo test --release --test golden -- --ignored --nocapture
+//! cargo test --release --test system golden:: -- --ignored --nocapture
 //! ```
 //! `LIBELLA_ACCEPT=1` in front of either writes the figures of the rows it ran into the table instead, for review.
 //!
 //! Figures agree on one machine to the last digit. On another the mathematics library may round differently, and an outlier or
 //! a keyframe that is decided the other way moves the figures; [`Tolerance`] says by how much they may.
-#![allow(clippy::unwrap_used)]
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -220,7 +219,7 @@ fn fast_rows_are_those_of_the_table() {
 }
 
 #[test]
-#[ignore = "ten minutes in release: cargo test --release --test golden -- --ignored"]
+#[ignore = "ten minutes in release: cargo test --release --test system golden:: -- --ignored"]
 fn all_rows_are_those_of_the_table() {
     check(|_| true);
 }

@@ -1,5 +1,4 @@
 //! Networks in ONNX files: the same numbers as PyTorch, the right pixels, and one clear sentence for every file that does not fit.
-#![allow(clippy::unwrap_used)]
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -351,7 +350,7 @@ fn stored_maps_are_replayed_in_their_pixels() {
     assert!(RecordedDepth::open(&golden(), 1).unwrap_err().to_string().contains("holds no depth maps"));
 }
 
-/// Milliseconds per image of 752 x 480: `cargo test --release --test network -- --ignored --nocapture speed`.
+/// Milliseconds per image of 752 x 480: `cargo test --release --test system network::speed -- --ignored --nocapture`.
 #[test]
 #[ignore = "a figure, not a check"]
 fn speed() {

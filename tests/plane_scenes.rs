@@ -1,12 +1,7 @@
 //! What the host's finder of planes makes of points and depth maps in scenes that are known exactly, without images or estimator: a room,
 //! and what is none of its planes. Figures with `--nocapture`.
-#![allow(clippy::unwrap_used)]
 
-mod support {
-    #[allow(dead_code)]
-    pub mod plane_truth;
-}
-
+use crate::support::plane_truth::{Candidate, Rectangle, first_hit};
 use libella_core::camera::{Camera, CameraModel, PinholeRadTan};
 use libella_core::depth::DepthView;
 use libella_core::time::Timestamp;
@@ -14,7 +9,6 @@ use libella_core::track::TrackId;
 use libella_host::planes::{DepthLook, FoundPlane, PlaneFinder, PlanesConfig};
 use libella_host::sim::random::Random;
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
-use support::plane_truth::{Candidate, Rectangle, first_hit};
 
 const IMAGES: usize = 500;
 const RATE_HZ: f64 = 20.0;

@@ -1,7 +1,6 @@
 //! The small profiles on a simulated flight through a room, from the first image to the last.
 //!
-//! `cargo test --test profiles -- --nocapture` prints the accuracy.
-#![allow(clippy::unwrap_used)]
+//! `cargo test --test system profiles:: -- --nocapture` prints the accuracy.
 
 use libella_core::camera::{Camera, CameraModel, PinholeRadTan};
 use libella_core::estimator::{Estimator, EstimatorConfig, FrameOutcome, StepBudget};

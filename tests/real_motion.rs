@@ -4,23 +4,16 @@
 //!
 //! One sequence is flown by default. All of them, five seeds each, in both scalars:
 //! ```text
-//! cargo test --release --test real_motion -- --ignored --nocapture
+//! cargo test --release --test system real_motion:: -- --ignored --nocapture
 //! ```
-
-mod support {
-    pub mod flight;
-    #[allow(dead_code)]
-    pub mod recordings;
-    pub mod tolerance;
-}
 
 use std::path::PathBuf;
 
+use crate::support::flight::{Flown, fly, on_all_cores, real_config};
+use crate::support::recordings::root;
+use crate::support::tolerance::{ATE_GRAIN_M, ATE_MACHINE_HALL_M, ATE_VICON_ROOM_M, SCALAR_SHARE};
 use libella_core::real::Real;
 use libella_host::sim::{RealMotionConfig, Recording, real_motion};
-use support::flight::{Flown, fly, on_all_cores, real_config};
-use support::recordings::root;
-use support::tolerance::{ATE_GRAIN_M, ATE_MACHINE_HALL_M, ATE_VICON_ROOM_M, SCALAR_SHARE};
 
 const SEQUENCES: [(&str, f64); 4] = [
     ("V1_01_easy", ATE_VICON_ROOM_M),

@@ -5,23 +5,18 @@
 //! Two short flights are flown by default. The complete motions in three rooms each, and beside their first minute the same minute in
 //! a room of another renderer:
 //! ```text
-//! cargo test --release --test rendered -- --ignored --nocapture
+//! cargo test --release --test system rendered:: -- --ignored --nocapture
 //! ```
 //! Images are rendered while the odometry runs and never kept. `LIBELLA_FLIGHTS=V1_02:1,V2_01:3` flies only these.
-#![allow(clippy::unwrap_used)]
-
-mod support {
-    pub mod flight;
-    #[allow(dead_code)]
-    pub mod recordings;
-    pub mod tolerance;
-}
 
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+use crate::support::flight::on_all_cores;
+use crate::support::recordings::{data, of_another_renderer};
+use crate::support::tolerance::{ATE_VICON_ROOM_M, ATE_WEAK_START_M};
 use libella_core::estimator::{FrameOutcome, Health};
 use libella_core::time::Span;
 use libella_host::config::Config;
@@ -29,9 +24,6 @@ use libella_host::dataset::Recording;
 use libella_host::eval::{Trajectory, evaluate};
 use libella_host::pipeline::{self, Ended, Report};
 use libella_host::sim::{MotionSource, RealMotionConfig, RenderConfig, RenderedFlight};
-use support::flight::on_all_cores;
-use support::recordings::{data, of_another_renderer};
-use support::tolerance::{ATE_VICON_ROOM_M, ATE_WEAK_START_M};
 
 const SEQUENCES: [&str; 3] = ["V1_01_easy", "V1_02_medium", "V2_01_easy"];
 const ROOMS: std::ops::RangeInclusive<u64> = 1..=3;

@@ -1,5 +1,4 @@
 //! The report of a run as a reader's program sees it: whole, alone, and with the numbers of the files.
-#![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

@@ -1,6 +1,5 @@
 //! Depth in a whole run: the right map for the right image, the same result however long the network takes, and no harm from one that
 //! fails.
-#![allow(clippy::unwrap_used)]
 
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, sync_channel};

@@ -1,5 +1,12 @@
-//! Small recordings on disk, whole at first, for a test to damage.
-#![allow(clippy::unwrap_used, dead_code)]
+//! What several tests need, and small recordings on disk, whole at first, for a test to damage.
+
+pub mod flight;
+pub mod motion;
+pub mod pack;
+pub mod plane_truth;
+pub mod recordings;
+pub mod room;
+pub mod tolerance;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

@@ -42,6 +42,19 @@ fn a_whole_recording_passes_without_remark() {
 }
 
 #[test]
+fn images_are_skipped_at_the_beginning_and_never_all_of_them() {
+    let folder = Folder::new();
+    let (root, mut options) = (folder.path(""), Config::default().dataset);
+    let stamp = |skipped: usize| folder.open().unwrap().frames.stamp(skipped);
+    options.skip_images = 3;
+    let recording = dataset::open(&root, &options).unwrap();
+    assert_eq!((recording.frames.len(), recording.listed_frames, recording.frames.stamp(0), recording.imu.len()), (7, 7, stamp(3), 201));
+    options.skip_images = 10;
+    let fault = dataset::open(&root, &options).map(|recording| recording.name).unwrap_err();
+    assert!(fault.to_string().contains("has 10 images, and `dataset.skip_images` is 10"), "{fault}");
+}
+
+#[test]
 fn an_image_follows_the_first_inertial_sample_that_reaches_it() {
     let folder = Folder::new();
     let recording = folder.open().unwrap();

@@ -82,6 +82,9 @@ fn from_nothing_to_a_table_and_again_without_a_run() {
     assert_eq!((results.len(), &suite["complete"]), (8, &Value::Bool(true)));
     assert_eq!((&results[0]["gravity_m_s2"], &results[0]["seed"]), (&Value::from(9.81), &Value::from(0)));
     assert!((results[1]["gravity_m_s2"].as_f64().unwrap() - 9.81 - 1e-9).abs() < 1e-13 && results[1]["seed"] == 1);
+    let (first, second) = (&results[0], &results[1]);
+    assert_eq!((&first["skipped_images"], &second["skipped_images"]), (&Value::from(0), &Value::from(1)));
+    assert_eq!(first["frames"].as_u64().unwrap(), second["frames"].as_u64().unwrap() + 1, "the second begins an image later");
     let ate = |index: usize| results[index]["ate_rmse_m"].as_f64().unwrap();
     let median = suite["table"][0]["ate_rmse_m_median"].as_f64().unwrap();
     assert!((median - 0.5 * (ate(0) + ate(1))).abs() < 1e-12);

@@ -296,6 +296,7 @@ fn skip_images(recording: &mut Recording, path: &Path, count: usize) -> Result<(
         return Err(Fault::malformed(path, what, "skip fewer"));
     };
     recording.frames.retain(|stamp| stamp >= first);
+    recording.listed_frames = recording.listed_frames.saturating_sub(count);
     Ok(())
 }
 

@@ -22,7 +22,7 @@ mod fixtures; // the tests’ own room
 mod formats; // every format gives the same trajectory
 mod found_planes; // planes found in simulated flights
 mod golden; // the table of accuracy
-
+mod keyframe_planes; // planes of a real room from a network and from stereo
 mod network; // the shipped networks, and files that are none
 mod plane_scenes; // stairs, boards, spheres: nothing false
 mod planes; // planes in core

@@ -37,7 +37,7 @@ linux() { # a 64-bit ARM Linux: the core's tests, the firmware's flight, and the
   cargo build -p libella-host --no-default-features --target "$target" --profile emulated
   rm -rf "$out"
   mkdir -p "$out"
-  "$here" simulate --trajectory medium --duration 8 --no-depth --quiet --out "$out/flight"
+  "$here" simulate --trajectory medium --duration 5 --no-depth --quiet --out "$out/flight"
   "$here" run "$out/flight" --out "$out/here"
   qemu-aarch64-static -L /usr/aarch64-linux-gnu "$CARGO_TARGET_DIR/$target/emulated/libella" run "$out/flight" --out "$out/arm"
   python3 .ci/same_trajectory.py 1e-3 "$out/here/trajectory.tum" "$out/arm/trajectory.tum"

@@ -26,6 +26,8 @@ const MOST: usize = 20_000;
 const GATE_SIGMA: f64 = 3.0;
 /// What the landmark's own depth may be off whatever the angle that it was seen under, of the logarithm: the scale of the map, mostly.
 const POINT_SIGMA_LOG: f64 = 0.03;
+/// A landmark whose depth is less sure than this cannot tell whether a map shows its surface or another one.
+const SURE_SIGMA_LOG: f64 = 0.1;
 /// Of the direction in which a point is seen: a pixel of a camera with 450 pixels of focal length, rad.
 const BEARING_SIGMA_RAD: f64 = 1.0 / 450.0;
 
@@ -75,7 +77,7 @@ impl MapPoints {
     /// Takes in which way the surfaces of the landmarks of `stamp` face, where a depth map of that image shows them.
     pub fn note_normals(&mut self, look: &DepthLook<'_>, stamp: Timestamp) {
         let center = look.center_in_world();
-        for point in self.points.values_mut().filter(|point| point.last_seen == stamp) {
+        for point in self.points.values_mut().filter(|point| point.last_seen == stamp && point.sigma_log() <= SURE_SIGMA_LOG) {
             let Some((reading, depth_m)) = look.towards(&point.point_in_world) else { continue };
             // Behind an edge, or a depth that is wrong: another surface.
             if (reading.depth_m / depth_m).ln().abs() > GATE_SIGMA * reading.sigma_log.hypot(point.sigma_log()) {
@@ -168,13 +170,16 @@ mod tests {
         let mut points = MapPoints::default();
         let (on, before) = (Vector3::new(2.0, 0.1, 1.0), Vector3::new(1.0, -0.1, 1.0));
         let stamp = Timestamp::from_nanos(0);
-        for _ in 0..LEAST_LOOKS {
-            points.note(TrackId(1), on, &Vector3::z(), stamp);
-            points.note(TrackId(2), before, &Vector3::z(), stamp);
+        for look in 0..LEAST_LOOKS {
+            let viewer = Vector3::new(0.0, 0.1 * f64::from(look), 1.0);
+            points.note(TrackId(1), on, &viewer, stamp);
+            points.note(TrackId(2), before, &viewer, stamp);
+            points.note(TrackId(3), on, &Vector3::z(), stamp);
         }
         at_wall(2.0, [0.0, 0.0, 1.0], 0.02, |look| points.note_normals(look, stamp));
         let normals: Vec<_> = points.recent(stamp, Span::from_millis(0)).map(|sight| sight.sample.normal_in_world).collect();
         assert!(normals[0].is_some_and(|normal| (normal + Vector3::x()).norm() < 1e-5));
         assert_eq!(normals[1], None, "the map shows the wall behind it");
+        assert_eq!(normals[2], None, "seen from one place: where it is nobody knows");
     }
 }

@@ -192,8 +192,7 @@ fn judge(scene: &Scene, seed: u64) -> (Vec<String>, Vec<usize>) {
     let world_from_told = UnitQuaternion::from_euler_angles(0.6 * scene.gravity_error_rad, 0.8 * scene.gravity_error_rad, 0.0).inverse();
     for plane in found(scene, seed) {
         let back = Isometry3::from_parts(Vector3::zeros().into(), world_from_told);
-        let candidate =
-            Candidate::new(plane.id, &plane.normal_in_world, &plane.polygon_in_world, plane.normal_in_world.z.abs() > 0.7, true, &back);
+        let candidate = Candidate::new(&plane.normal_in_world, &plane.polygon_in_world, true, &back);
         match candidate.true_one(&scene.still) {
             Some((which, angle_deg, offset_m)) if angle_deg < 1.5 + scene.gravity_error_rad.to_degrees() && offset_m < 0.05 => {
                 right.push(which)

@@ -105,9 +105,8 @@ fn score(recording: &Recording, run: &Run, room: &[Rectangle], poses: impl Itera
     }
     let evaluation = evaluate(&run.trajectory(), recording.truth.as_ref().unwrap(), &Config::default().evaluation).unwrap();
     let candidates = run.planes.as_ref().unwrap().planes.iter().map(|plane| {
-        let is_level = plane.normal_in_world.z.abs() > 0.7;
         let stands = plane.gone_into.is_none();
-        Candidate::new(plane.id, &plane.normal_in_world, &plane.polygon_in_world, is_level, stands, &evaluation.truth_from_estimate)
+        Candidate::new(&plane.normal_in_world, &plane.polygon_in_world, stands, &evaluation.truth_from_estimate)
     });
     let candidates: Vec<Candidate> = candidates.collect();
     Score::new(room, &seconds, LEAST_S, &candidates)

@@ -1,13 +1,14 @@
 //! The command as a user meets it: exit codes, messages, files.
 #![allow(clippy::unwrap_used)]
 
-#[path = "../../tests/support/mod.rs"]
-mod support;
+#[allow(dead_code)] // what the tests of the whole system need beside
+#[path = "../../tests/support/folder.rs"]
+mod folder;
 
 use std::path::Path;
 use std::process::{Command, Output};
 
-use support::Folder;
+use folder::Folder;
 
 fn libella(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_libella")).args(arguments).output().unwrap()

@@ -89,29 +89,18 @@ pub fn areas_in_view(room: &[Rectangle], world_from_camera: &Isometry3<f64>, is_
 /// A plane that was found, in the truth's world.
 #[derive(Debug, Clone)]
 pub struct Candidate {
-    pub id: usize,
     pub normal: Unit<Vector3<f64>>,
     pub middle: Vector3<f64>,
-    pub is_horizontal: bool,
     pub stands: bool,
 }
 
 impl Candidate {
     /// From its normal and corners in the estimate's world.
-    pub fn new(
-        id: usize,
-        normal: &Vector3<f64>,
-        polygon: &[Vector3<f64>],
-        is_horizontal: bool,
-        stands: bool,
-        truth_from_estimate: &Isometry3<f64>,
-    ) -> Self {
+    pub fn new(normal: &Vector3<f64>, polygon: &[Vector3<f64>], stands: bool, truth_from_estimate: &Isometry3<f64>) -> Self {
         let middle = polygon.iter().sum::<Vector3<f64>>() / polygon.len().max(1) as f64;
         Self {
-            id,
             normal: Unit::new_normalize(truth_from_estimate.rotation * normal),
             middle: truth_from_estimate.transform_point(&Point3::from(middle)).coords,
-            is_horizontal,
             stands,
         }
     }

@@ -143,7 +143,7 @@ mod tests {
                 let viewer = Vector3::from(viewers[look as usize % 2]);
                 points.note(TrackId(1), Vector3::new(0.0, 0.0, 4.0), &viewer, Timestamp::from_nanos(0));
             }
-            points.recent(Timestamp::from_nanos(0), Span::from_millis(0)).next().unwrap().sigma_log
+            points.recent(Timestamp::from_nanos(0), Span::from_millis(0)).next().map_or(f64::NAN, |sight| sight.sigma_log)
         };
         // At right angles each direction gives the other's depth: two bearings, each with its sigma.
         let across = sigma_log([[0.0; 3], [4.0, 0.0, 4.0]]);

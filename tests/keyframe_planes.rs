@@ -7,7 +7,6 @@
 use std::path::Path;
 
 use libella_core::camera::{Camera, CameraModel};
-use libella_core::depth::DepthView;
 use libella_core::image::{ImageView, PyramidPair};
 use libella_core::plane::fit::FitConfig;
 use libella_core::plane::{Detection, Detections, Orientation, Sample, Samples, Source};
@@ -113,10 +112,8 @@ fn planes_among(samples: impl Iterator<Item = Sample<f64>>, least_share: f64) ->
 }
 
 fn look_of<'a>(keyframe: &Keyframe, map: &'a DepthMap, left: &'a CameraCalibration) -> DepthLook<'a> {
-    let [step, origin] = [map.step_px, map.origin_px].map(|pair| pair.map(|value| value as f32));
-    let view = DepthView::new((map.width, map.height), step, origin, &map.inverse_depth_1_m, &map.sigma_log, &map.uncertainty).unwrap();
     let world_from_camera = keyframe.world_from_body * left.body_from_camera;
-    DepthLook { map: view, camera: &left.camera, world_from_camera, scale: 1.0 }
+    DepthLook { map: map.view().unwrap(), camera: &left.camera, world_from_camera, scale: 1.0 }
 }
 
 /// What the network sees on the planes of the stereo corners, over half-sized images in two columns: floor blue, tables green, walls red.
@@ -126,28 +123,32 @@ fn paint(maps: &[(&Keyframe, DepthMap)], planes: &Found, left: &CameraCalibratio
     let lowest = floor(planes).fit.mean_in_world.z;
     for (place, (keyframe, map)) in maps.iter().enumerate() {
         let look = look_of(keyframe, map, left);
-        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
-            let gray = keyframe.images[0][2 * y * SIZE.0 + 2 * x] / 2;
-            let ray = left.camera.unproject(&Vector2::new(2.0 * x as f64, 2.0 * y as f64));
-            let in_camera = ray.zip(map.sample([2.0 * x as f64, 2.0 * y as f64]));
-            let point = in_camera.map(|(ray, depth)| ray / ray.z / f64::from(depth.inverse_depth_1_m));
-            let value = |axis: usize, at: usize| ((2 * at) as f64 / map.step_px[axis]) as usize;
-            let plane = point.zip(look.normal(value(0, x), value(1, y))).and_then(|(point, normal)| {
-                let point = look.world_from_camera.transform_point(&point.into()).coords;
-                planes.iter().find(|Detection { fit, polygon, .. }| {
-                    // Else a band of every wall is at the height of a table.
-                    let is_along = fit.plane.normal_in_world.dot(&normal).abs() > 0.8;
-                    is_along && fit.plane.distance_m(&point).abs() < 0.15 && polygon.contains(fit.plane.project(&point), 0.2)
-                })
+        // Half-sized pixels take the ink of the nearest value of the map.
+        let ink_of = |(i, j): (usize, usize)| {
+            let (Some(reading), Some(normal)) = (look.value(i, j), look.normal(i, j)) else { return [0; 3] };
+            let plane = planes.iter().find(|Detection { fit, polygon, .. }| {
+                // Else a band of every wall is at the height of a table.
+                let is_along = fit.plane.normal_in_world.dot(&normal).abs() > 0.8;
+                let point = &reading.point_in_world;
+                is_along && fit.plane.distance_m(point).abs() < 0.15 && polygon.contains(fit.plane.project(point), 0.2)
             });
-            let ink = match plane.map(|plane| (plane.orientation, plane.fit.mean_in_world.z - lowest)) {
+            match plane.map(|plane| (plane.orientation, plane.fit.mean_in_world.z - lowest)) {
                 None => [0, 0, 0],
                 Some((Orientation::Vertical, _)) => [100, 0, 0],
                 Some((Orientation::Horizontal, above)) if above < 0.1 => [0, 0, 120],
                 Some((Orientation::Horizontal, _)) => [0, 90, 0],
-            };
+            }
+        };
+        let inks: Vec<[u8; 3]> = (0..map.height).flat_map(|j| (0..map.width).map(move |i| (i, j))).map(ink_of).collect();
+        let nearest = |at: usize, axis: usize, count: usize| {
+            let value = ((2 * at) as f64 - map.origin_px[axis]) / map.step_px[axis];
+            (value.round().max(0.0) as usize).min(count - 1)
+        };
+        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+            let gray = keyframe.images[0][2 * y * SIZE.0 + 2 * x] / 2;
+            let ink = inks[nearest(y, 1, map.height) * map.width + nearest(x, 0, map.width)];
             let (column, row) = (place % 2 * width + x, place / 2 * height + y);
-            sheet.put_pixel(column as u32, row as u32, image::Rgb(ink.map(|value: u8| gray + value)));
+            sheet.put_pixel(column as u32, row as u32, image::Rgb(ink.map(|value| gray + value)));
         }
     }
     let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("keyframe_planes.png");

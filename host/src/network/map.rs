@@ -5,6 +5,8 @@
 //! optical axis. What is stored is inverse depth `w` (1/m), because it is that which a network knows evenly and which is linear
 //! in the image for a plane. The log of the depth that is meant is normally distributed about `−ln w` with `sigma_log`.
 
+use libella_core::depth::{DepthView, DepthViewError};
+
 /// What a map's numbers are compared with the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -64,6 +66,16 @@ impl DepthMap {
             uncertainty: nothing,
             kind,
         }
+    }
+
+    /// The map as the core reads it.
+    ///
+    /// # Errors
+    /// When its parts do not fit each other.
+    #[allow(clippy::cast_possible_truncation)]
+    pub fn view(&self) -> Result<DepthView<'_>, DepthViewError> {
+        let [step, origin] = [self.step_px, self.origin_px].map(|both| both.map(|value| value as f32));
+        DepthView::new((self.width, self.height), step, origin, &self.inverse_depth_1_m, &self.sigma_log, &self.uncertainty)
     }
 
     /// Whether a value of the map is a depth.

@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Instant;
 
-use libella_core::depth::{DepthView, DepthViewError, Verdict};
+use libella_core::depth::Verdict;
 use libella_core::time::Timestamp;
 
 use super::estimate::milliseconds_since;
@@ -145,11 +145,4 @@ impl Iterator for EventsWithDepth<'_> {
         });
         Some((event, told))
     }
-}
-
-/// The map as the core reads it.
-#[allow(clippy::cast_possible_truncation)]
-pub(super) fn view(map: &DepthMap) -> Result<DepthView<'_>, DepthViewError> {
-    let [step, origin] = [map.step_px, map.origin_px].map(|both| both.map(|value| value as f32));
-    DepthView::new((map.width, map.height), step, origin, &map.inverse_depth_1_m, &map.sigma_log, &map.uncertainty)
 }

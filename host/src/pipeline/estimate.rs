@@ -389,7 +389,7 @@ impl<T: Real> Worker<'_, T> {
     fn take_depth(&mut self, stamp: Timestamp, told: Told) -> (DepthTimes, Result<(), String>) {
         let begun = Instant::now();
         let pushed = told.map.and_then(|map| {
-            let view = depth::view(&map).map_err(|error| error.to_string())?;
+            let view = map.view().map_err(|error| error.to_string())?;
             let pushed = self.estimator.push_depth(stamp, &view).map_err(|error| error.to_string());
             self.newest_map = Some(map);
             pushed
@@ -404,7 +404,7 @@ impl<T: Real> Worker<'_, T> {
             FrameOutcome::Tracked | FrameOutcome::NewKeyframe => {
                 let believed = self.estimator.report().depth.filter(|did| did.verdict == Verdict::Believed);
                 let place = self.estimator.state().filter(|newest| newest.stamp == stamp).map(|newest| view::in_f64(&newest.state).pose());
-                let map = self.newest_map.as_ref().and_then(|map| depth::view(map).ok());
+                let map = self.newest_map.as_ref().and_then(|map| map.view().ok());
                 let look = map.zip(place).zip(believed).map(|((map, world_from_body), did)| DepthLook {
                     map,
                     camera: &self.rig.camera,

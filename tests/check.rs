@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::support::real_data;
+use crate::support::recordings::data;
 use libella_core::camera::CameraModel;
 use libella_core::imu::ImuSample;
 use libella_core::time::{Span, Timestamp};
@@ -127,7 +127,7 @@ fn planted_faults_of_a_simulated_flight_are_named() {
 
 #[test]
 fn planted_faults_of_a_real_recording_are_named() {
-    let Some(path) = real_data("euroc/MH_01_easy") else { return };
+    let Some(path) = data("euroc/MH_01_easy") else { return };
     let open = || dataset::open_to_check(&path, &Config::default().dataset).unwrap();
     assert_all_plants_are_named(open);
     eprintln!("=== wrong size");
@@ -209,7 +209,7 @@ fn images_of_another_size_are_told_from_wrong_intrinsics() {
 #[test]
 fn recordings_at_hand_are_clean() {
     for name in ["euroc/MH_01_easy", "imu_april"] {
-        let Some(path) = real_data(name) else { continue };
+        let Some(path) = data(name) else { continue };
         let report = checked(&dataset::open_to_check(&path, &Config::default().dataset).unwrap());
         assert_silent(&report);
     }

@@ -1,8 +1,8 @@
-//! Real recordings from end to end, whole and damaged. Without `LIBELLA_DATA` these tests are skipped.
+//! Real recordings from end to end, whole and damaged. Without them these tests are skipped.
 
 use std::sync::atomic::AtomicBool;
 
-use crate::support::real_data;
+use crate::support::recordings::data;
 use libella_core::estimator::{FrameOutcome, Health, Waiting};
 use libella_core::time::Span;
 use libella_host::config::{Config, Scalar};
@@ -12,7 +12,7 @@ use libella_host::pipeline::{self, Ended, FrameResult, Report, Run};
 const MH_01: &str = "euroc/MH_01_easy";
 
 fn open(below: &str) -> Option<Recording> {
-    Some(dataset::open(&real_data(below)?, &Config::default().dataset).unwrap())
+    Some(dataset::open(&data(below)?, &Config::default().dataset).unwrap())
 }
 
 fn run(recording: &Recording, scalar: Scalar) -> (Run, Report) {

@@ -4,8 +4,9 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use crate::support::Folder;
 use crate::support::pack::{self, Message, Packing, Pixels, Wire};
-use crate::support::{Folder, real_data};
+use crate::support::recordings::data;
 use libella_core::camera::CameraModel;
 use libella_core::time::Span;
 use libella_host::check::{CheckOptions, FindingKind, Severity, check};
@@ -112,7 +113,7 @@ fn a_flight_gives_one_trajectory_through_every_format() {
 
 #[test]
 fn a_real_recording_gives_one_trajectory_through_every_format() {
-    let Some(folder) = real_data("euroc/MH_01_easy") else { return };
+    let Some(folder) = data("euroc/MH_01_easy") else { return };
     assert_one_trajectory(&Packed::of(tempfile::tempdir().unwrap(), folder.join("mav0")), 300);
 }
 

@@ -10,7 +10,7 @@
 use std::path::PathBuf;
 
 use crate::support::flight::{Flown, fly, on_all_cores, real_config};
-use crate::support::recordings::root;
+use crate::support::recordings::data;
 use crate::support::tolerance::{ATE_GRAIN_M, ATE_MACHINE_HALL_M, ATE_VICON_ROOM_M, SCALAR_SHARE};
 use libella_core::real::Real;
 use libella_host::sim::{RealMotionConfig, Recording, real_motion};
@@ -24,12 +24,7 @@ const SEQUENCES: [(&str, f64); 4] = [
 
 /// The folder of a sequence, or `None` with a word about it.
 fn folder(sequence: &str) -> Option<PathBuf> {
-    let path = root().join("euroc_motion").join(sequence);
-    if path.is_dir() {
-        return Some(path);
-    }
-    println!("skipped: LIBELLA_DATA has no euroc_motion/{sequence}");
-    None
+    data(&format!("euroc_motion/{sequence}"))
 }
 
 /// One row of the table: position error, scale error, losses, time of initialisation, coverage.

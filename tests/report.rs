@@ -6,6 +6,7 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
+use crate::support::recordings::data;
 use libella_host::config::Config;
 use libella_host::dataset::Recording;
 use libella_host::eval::evaluate;
@@ -307,12 +308,8 @@ fn a_browser_shows_it_without_errors() {
 /// The page of a real flight stays small.
 #[test]
 fn a_real_flight_fits_in_three_megabytes() {
-    let Some(data) = std::env::var_os("LIBELLA_DATA").map(|data| PathBuf::from(data).join("euroc/MH_01_easy")).filter(|path| path.is_dir())
-    else {
-        println!("skipped: LIBELLA_DATA has no euroc/MH_01_easy");
-        return;
-    };
-    let recording = dataset::open(&data, &Config::default().dataset).unwrap();
+    let Some(folder) = data("euroc/MH_01_easy") else { return };
+    let recording = dataset::open(&folder, &Config::default().dataset).unwrap();
     let temporary = tempfile::tempdir().unwrap();
     fly(&recording, temporary.path());
     let page = std::fs::read_to_string(temporary.path().join("report.html")).unwrap();

@@ -117,13 +117,3 @@ gyroscope_random_walk: 1.9393e-05
 accelerometer_noise_density: 2.0000e-3
 accelerometer_random_walk: 3.0000e-3
 ";
-
-/// The folder of real recordings, or `None` with a line that says what is skipped.
-pub fn real_data(below: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("LIBELLA_DATA").map(PathBuf::from);
-    let path = root.map(|root| root.join(below)).filter(|path| path.exists());
-    if path.is_none() {
-        eprintln!("skipped: LIBELLA_DATA has no {below}");
-    }
-    path
-}

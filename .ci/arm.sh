@@ -30,8 +30,7 @@ linux() { # a 64-bit ARM Linux: the core's tests, the firmware's flight, and the
   scripts/arm-linux-setup
   # shellcheck source=scripts/arm-linux-env
   . scripts/arm-linux-env
-  # Properties on fewer examples than elsewhere: a minute instead of four.
-  PROPTEST_CASES=32 cargo test -p libella-core --lib --target "$target"
+  cargo test -p libella-core --lib --target "$target"
   # Without the examples in its documentation: they would need a rustdoc of that toolchain.
   cargo test --manifest-path firmware-sim/Cargo.toml --lib --tests --target "$target"
   cargo build -p libella-host --no-default-features --target "$target" --profile emulated

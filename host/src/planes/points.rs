@@ -77,10 +77,14 @@ impl MapPoints {
     /// Takes in which way the surfaces of the landmarks of `stamp` face, where a depth map of that image shows them.
     pub fn note_normals(&mut self, look: &DepthLook<'_>, stamp: Timestamp) {
         let center = look.center_in_world();
-        for point in self.points.values_mut().filter(|point| point.last_seen == stamp && point.sigma_log() <= SURE_SIGMA_LOG) {
+        for point in self.points.values_mut().filter(|point| point.last_seen == stamp) {
+            let sigma_log = point.sigma_log();
+            if sigma_log > SURE_SIGMA_LOG {
+                continue;
+            }
             let Some((reading, depth_m)) = look.towards(&point.point_in_world) else { continue };
             // Behind an edge, or a depth that is wrong: another surface.
-            if (reading.depth_m / depth_m).ln().abs() > GATE_SIGMA * reading.sigma_log.hypot(point.sigma_log()) {
+            if (reading.depth_m / depth_m).ln().abs() > GATE_SIGMA * reading.sigma_log.hypot(sigma_log) {
                 continue;
             }
             let Some(normal_in_world) = look.sure_normal(&reading) else { continue };

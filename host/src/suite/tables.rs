@@ -177,7 +177,7 @@ impl Summary<'_> {
             "alignment: one rigid transform of the whole trajectory to the truth by least squares, without scale. Truth is interpolated at the stamps of the images.".into(),
             "loop closure: none, nor any map beyond the window of the estimator.".into(),
             format!(
-                "runs: {} of each; run k has the seed {} + k - 1 gravity {} + (k - 1) 1e-9 m/s2, and begins k - 1 images later, so that its decisions fall otherwise. A cell is the median over runs, the last row the mean of the medians. A run without a pose is lost, and worse than any number.",
+                "runs: {} of each; run k has the seed {} + k - 1 and gravity {} + (k - 1) 1e-9 m/s2, and begins k - 1 images later, so that its decisions fall otherwise. A cell is the median over runs, the last row the mean of the medians. A run without a pose is lost, and worse than any number.",
                 plan.runs, plan.config.seed, plan.config.estimator.gravity_m_s2
             ),
             format!(

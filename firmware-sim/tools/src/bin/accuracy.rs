@@ -1,7 +1,7 @@
 //! `Micro` on small images beside `Desktop` on the large ones of the same recording.
 //!
 //! ```sh
-//! cargo run --release --manifest-path firmware-sim/Cargo.toml -p libella-firmware-tools --bin accuracy -- [SETTING=VALUE...] RECORDING...
+//! cargo run --release -p libella-firmware-tools --bin accuracy -- [SETTING=VALUE...] RECORDING...
 //! ```
 //! A recording is a EuRoC folder. A setting is a number of `EstimatorConfig` or, with `planes.` before it, of `planes::Settings`; it holds for
 //! `Micro` alone, and `only=micro` leaves `Desktop` out. Prints, for each, how many images have a pose, when the first came, and the error of the causal positions after SE(3)

@@ -1,7 +1,7 @@
 //! Renders a flight through a furnished room and writes it as the firmware's recording, with coarse depth maps, and its truth beside it.
 //!
 //! ```sh
-//! cargo run --release --manifest-path firmware-sim/Cargo.toml -p libella-firmware-tools --bin record -- firmware-sim/replay/flight.bin
+//! cargo run --release -p libella-firmware-tools --bin record -- firmware-sim/replay/flight.bin
 //! ```
 //! The truth, `flight.truth.csv`, has the positions of the body in metres at the images, in milliseconds since the first sample.
 

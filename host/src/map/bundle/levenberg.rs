@@ -24,7 +24,7 @@ pub struct SolveReport {
 }
 
 impl Bundle {
-    /// Minimises the cost over keyframes and the landmarks that take part; at most `iterations` steps are tried. Integrals are made anew
+    /// Minimises the cost over keyframes, planes and the landmarks that take part; at most `iterations` steps are tried. Integrals are made anew
     /// as biases move. `go_on` is asked before every step, with the cost so far.
     ///
     /// # Errors
@@ -60,7 +60,8 @@ impl Bundle {
                 normal = Some(current);
                 continue;
             };
-            let saved = (self.keyframes.clone(), self.landmarks.iter().map(|landmark| landmark.position_in_world).collect::<Vec<_>>());
+            let positions: Vec<_> = self.landmarks.iter().map(|landmark| landmark.position_in_world).collect();
+            let saved = (self.keyframes.clone(), positions, self.planes.clone());
             self.take(&step);
             let after = self.cost();
             let decrease = before - after;
@@ -73,7 +74,7 @@ impl Bundle {
                     break;
                 }
             } else {
-                self.keyframes = saved.0;
+                (self.keyframes, self.planes) = (saved.0, saved.2);
                 for (landmark, position) in self.landmarks.iter_mut().zip(saved.1) {
                     landmark.position_in_world = position;
                 }
@@ -97,6 +98,9 @@ impl Bundle {
         }
         for (index, delta) in &step.landmarks {
             self.landmarks[*index].position_in_world += delta;
+        }
+        for (plane, delta) in self.planes.iter_mut().zip(&step.planes) {
+            plane.retract(*delta);
         }
     }
 

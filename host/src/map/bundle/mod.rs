@@ -1,7 +1,8 @@
 //! Full bundle adjustment: all keyframes and landmarks of a flight at once.
 //!
 //! # Model
-//! Keyframe `i` has the 15 numbers of a [`NavState`], landmark `l` the three of its position `x_l` in world, plane `(n, d)` is given.
+//! Keyframe `i` has the 15 numbers of a [`NavState`], landmark `l` the three of its position `x_l` in world, plane
+//! `(n, d)` its offset, and if it is a wall its heading.
 //! Gravity is known and world z is up. The cost is half the sum of
 //! ```text
 //! ‖W r(x_i, x_i+1)‖²                inertial samples between neighbours, and the random walk of the biases (core: factor::imu)
@@ -19,9 +20,10 @@
 //! that part of the step of the first keyframe selects the solution that leaves it where it is; the cost is unchanged.
 //!
 //! # Elimination
-//! Landmarks are eliminated (`normal`); what is left couples the poses of keyframes that see one landmark and the whole states of
+//! Landmarks are eliminated (`eliminate`); what is left couples the poses of keyframes that see one landmark and the whole states of
 //! neighbours (`sparse`). Tracks are short beside a flight, so the factor has a band, and time grows with the length of the flight.
 
+mod eliminate;
 mod inertial;
 mod landmarks;
 mod levenberg;
@@ -48,6 +50,7 @@ use libella_core::window::{CameraPose, NormalizedPoint};
 use nalgebra::{Isometry3, Vector3};
 
 use inertial::Link;
+use planes::FreePlane;
 use sparse::Structure;
 
 /// Why a flight cannot be adjusted. Nothing changed.
@@ -178,7 +181,7 @@ pub struct Bundle {
     mount: CameraMount<f64>,
     keyframes: Vec<Keyframe>,
     landmarks: Vec<Landmark>,
-    planes: Vec<Plane<f64>>,
+    planes: Vec<FreePlane>,
     links: Vec<Link>,
     structure: Structure,
 }
@@ -214,7 +217,8 @@ impl Bundle {
             landmark.views.dedup_by_key(|view| view.keyframe);
         }
         let links = inertial::links(&settings, &keyframes, samples)?;
-        let structure = Structure::new(keyframes.len(), &landmarks)?;
+        let structure = Structure::new(keyframes.len(), &landmarks, planes.len())?;
+        let planes = planes.into_iter().map(FreePlane::new).collect();
         let mount = CameraMount::new(&settings.body_from_camera);
         Ok(Self { settings, mount, keyframes, landmarks, planes, links, structure })
     }
@@ -245,9 +249,8 @@ impl Bundle {
     }
 
     /// The planes.
-    #[must_use]
-    pub fn planes(&self) -> &[Plane<f64>] {
-        &self.planes
+    pub fn planes(&self) -> impl Iterator<Item = &Plane<f64>> {
+        self.planes.iter().map(|free| &free.plane)
     }
 
     /// Where the cameras are.

@@ -1,28 +1,25 @@
-//! Normal equations, and the landmarks eliminated from them.
+//! Normal equations, and a step by them.
 //!
 //! # Model
-//! ```text
-//! C = Σ w J_lᵀ J_l = L Lᵀ     g = Σ w J_lᵀ r     W_i = w J_iᵀ J_l     Y_i = W_i L⁻ᵀ     e = L⁻¹ g
-//! V_ij ← V_ij − Y_i Y_jᵀ      b_i ← b_i − Y_i e      (Schur complement)
-//! δl = −L⁻ᵀ (e + Σ Y_iᵀ θ_i)
-//! ```
-//! `V` and `θ` are motions of the cameras; with `B = ∂[θ ρ]/∂[δφ δp]` the block of the bodies is `B_iᵀ V_ij B_j`. Damping is
-//! Marquardt's, `μ` times the diagonal before elimination, of landmarks and keyframes alike.
+//! Corners move with the cameras, and landmarks are eliminated while `V_ij` is that of the cameras; with `B = ∂[θ ρ]/∂[δφ δp]` the block of
+//! the bodies is `B_iᵀ V_ij B_j`. Damping is Marquardt's, `μ` times the diagonal before elimination, of landmarks, planes and keyframes alike.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-use super::sparse::{Band, Pose, Whole};
+use super::eliminate::back_substitute;
+use super::planes::{PlaneBlocks, PlaneCoupling, PlaneRow};
+use super::sparse::{Pose, Whole};
 use super::views::{Row, from_world, residual, right_residual, right_row, rows};
 use super::{Bundle, BundleError, BundleSettings, Landmark, LandmarkView};
 use libella_core::factor::reprojection::PairGeometry;
-use libella_core::plane::Plane;
 
 /// Squared whitened residual charged for a landmark behind a camera that sees it, as in the estimator.
 const BEHIND_CAMERA: f64 = 100.0;
 /// Weight of the gauge beside what is known of the first keyframe.
 const GAUGE_WEIGHT: f64 = 1e3;
 
-type Coupling = SMatrix<f64, 6, 3>;
+/// What a pose has to do with a landmark.
+pub(super) type Coupling = SMatrix<f64, 6, 3>;
 
 /// The normal equations before elimination.
 #[derive(Debug)]
@@ -32,22 +29,26 @@ pub(super) struct Normal {
     /// `V_ii` and `b_i` of the cameras.
     cameras: Vec<(Pose, SVector<f64, 6>)>,
     /// `B_i`.
-    camera_by_body: Vec<Pose>,
+    pub camera_by_body: Vec<Pose>,
     /// What concerns single bodies and neighbours.
     own: Vec<Whole>,
     successors: Vec<Whole>,
     gradient: Vec<SVector<f64, 15>>,
+    /// `V_pp` and `b_p` of the planes.
+    planes: Vec<(Matrix2<f64>, Vector2<f64>)>,
     /// The landmarks that take part, and their views one after the other.
-    landmarks: Vec<LandmarkNormal>,
-    views: Vec<(usize, Coupling)>,
+    pub landmarks: Vec<LandmarkNormal>,
+    pub views: Vec<(usize, Coupling)>,
 }
 
+/// `C`, `g` and `W` of a landmark.
 #[derive(Debug)]
-struct LandmarkNormal {
-    index: usize,
-    hessian: Matrix3<f64>,
-    gradient: Vector3<f64>,
-    views: std::ops::Range<usize>,
+pub(super) struct LandmarkNormal {
+    pub index: usize,
+    pub hessian: Matrix3<f64>,
+    pub gradient: Vector3<f64>,
+    pub views: std::ops::Range<usize>,
+    pub on_plane: Option<(usize, PlaneCoupling)>,
 }
 
 /// A step and what the linear model says of it.
@@ -56,29 +57,25 @@ pub(super) struct Step {
     pub keyframes: Vec<[f64; 15]>,
     /// By index.
     pub landmarks: Vec<(usize, Vector3<f64>)>,
+    /// Offsets and headings.
+    pub planes: Vec<[f64; 2]>,
     /// How far the cost should fall.
     pub predicted: f64,
 }
 
 #[cfg(test)]
 impl Normal {
-    /// Slopes of the cost along all keyframes, and along the landmarks by index.
-    #[allow(clippy::type_complexity)] // keyframes; landmarks by their index
-    pub fn gradients(&self) -> (Vec<SVector<f64, 15>>, Vec<(usize, Vector3<f64>)>) {
+    /// Slopes of the cost along all keyframes, along the landmarks by index, and along the planes.
+    #[allow(clippy::type_complexity)] // keyframes; landmarks by their index; planes
+    pub fn gradients(&self) -> (Vec<SVector<f64, 15>>, Vec<(usize, Vector3<f64>)>, Vec<Vector2<f64>>) {
         let mut keyframes = self.gradient.clone();
         for ((gradient, by_body), (_, visual)) in keyframes.iter_mut().zip(&self.camera_by_body).zip(&self.cameras) {
             let seen = gradient.fixed_rows::<6>(0) + by_body.tr_mul(visual);
             gradient.fixed_rows_mut::<6>(0).copy_from(&seen);
         }
-        (keyframes, self.landmarks.iter().map(|landmark| (landmark.index, landmark.gradient)).collect())
+        let landmarks = self.landmarks.iter().map(|landmark| (landmark.index, landmark.gradient)).collect();
+        (keyframes, landmarks, self.planes.iter().map(|(_, gradient)| *gradient).collect())
     }
-}
-
-/// The rows of a landmark that no camera is in.
-fn plane_row(landmark: &Landmark, planes: &[Plane<f64>], settings: &BundleSettings) -> Option<(f64, Vector3<f64>)> {
-    let plane = planes.get(landmark.plane?)?;
-    let scale = settings.plane_weight.sqrt() / settings.plane_sigma_m;
-    Some((plane.distance_m(&landmark.position_in_world) * scale, plane.normal_in_world.into_inner() * scale))
 }
 
 /// Robust cost of a view, twice.
@@ -101,8 +98,8 @@ impl Bundle {
             for view in landmark.views.iter().filter(|view| view.used) {
                 total += view_cost(&pairs[view.keyframe], &landmark.position_in_world, view, &self.settings);
             }
-            if let Some((residual, _)) = plane_row(landmark, &self.planes, &self.settings) {
-                total += self.settings.kernel.rho(residual * residual);
+            if let Some((_, row)) = self.plane_row(landmark) {
+                total += self.settings.kernel.rho(row.residual * row.residual);
             }
         }
         for (link, ends) in self.links.iter().zip(self.keyframes.windows(2)) {
@@ -130,6 +127,7 @@ impl Bundle {
             own: vec![Whole::zeros(); count],
             successors: vec![Whole::zeros(); count - 1],
             gradient: vec![SVector::zeros(); count],
+            planes: vec![(Matrix2::zeros(), Vector2::zeros()); self.planes.len()],
             landmarks: Vec::new(),
             views: Vec::new(),
         };
@@ -200,13 +198,24 @@ impl Bundle {
             }
             normal.views.push((view.keyframe, coupling));
         }
-        if let Some((residual, slope)) = plane_row(landmark, &self.planes, settings) {
-            let weight = kernel.weight(residual * residual);
-            hessian += slope * slope.transpose() * weight;
-            gradient += slope * (residual * weight);
-            normal.cost += kernel.rho(residual * residual);
-        }
-        normal.landmarks.push(LandmarkNormal { index, hessian, gradient, views: begin..normal.views.len() });
+        let on_plane = self.plane_row(landmark).map(|(plane, row)| {
+            let weight = kernel.weight(row.residual * row.residual);
+            let weighted = row.by_plane * weight;
+            hessian += row.by_point * row.by_point.transpose() * weight;
+            gradient += row.by_point * (row.residual * weight);
+            let (own, slope) = &mut normal.planes[plane];
+            *own += weighted * row.by_plane.transpose();
+            *slope += weighted * row.residual;
+            normal.cost += kernel.rho(row.residual * row.residual);
+            (plane, weighted * row.by_point.transpose())
+        });
+        normal.landmarks.push(LandmarkNormal { index, hessian, gradient, views: begin..normal.views.len(), on_plane });
+    }
+
+    /// The row of a landmark that no camera is in, and its plane.
+    fn plane_row(&self, landmark: &Landmark) -> Option<(usize, PlaneRow)> {
+        let plane = landmark.plane?;
+        Some((plane, self.planes.get(plane)?.row(&landmark.position_in_world, &self.settings)))
     }
 
     /// Solves `(H + μ diag H) δ = −b`; `None` where that has no solution.
@@ -217,7 +226,9 @@ impl Bundle {
         for (i, (block, _)) in normal.cameras.iter().enumerate() {
             band.0[self.structure.place(i, i)] = *block;
         }
-        let eliminated = self.eliminate(normal, damping, &mut band, &mut reduced);
+        let (mut planes, plane_diagonals) = PlaneBlocks::new(count, &normal.planes, damping);
+        let eliminated = self.eliminate(normal, damping, &mut band, &mut reduced, &mut planes);
+        planes.turn_to_bodies(&normal.camera_by_body);
 
         let to_body = |i: usize, j: usize, block: &Pose| normal.camera_by_body[i].tr_mul(&(block * normal.camera_by_body[j]));
         let (mut own, mut successors) = (normal.own.clone(), normal.successors.clone());
@@ -252,47 +263,30 @@ impl Bundle {
                 successor.fixed_view_mut::<6, 6>(0, 0).copy_from(&block);
             }
         }
-        if !self.structure.solve(&own, &successors, &band, &mut right)? {
+        right.extend(planes.gradient.iter().flat_map(|gradient| [-gradient.x, -gradient.y]));
+        if !self.structure.solve(&own, &successors, &band, &planes, &mut right)? {
             return Ok(None);
         }
         let mut keyframes = vec![[0.0; 15]; count];
-        keyframes.as_flattened_mut().copy_from_slice(&right);
+        let (of_keyframes, of_planes) = right.split_at(15 * count);
+        keyframes.as_flattened_mut().copy_from_slice(of_keyframes);
+        let (plane_steps, _) = of_planes.as_chunks::<2>();
         let mut predicted = 0.0;
         for (step, (gradient, diagonal)) in keyframes.iter().zip(gradients.iter().zip(&diagonals)) {
             for (value, (slope, curvature)) in step.iter().zip(gradient.iter().zip(diagonal.iter())) {
                 predicted += value * (damping * curvature * value - slope);
             }
         }
-        let landmarks = back_substitute(normal, &eliminated, &keyframes);
+        for (step, ((_, gradient), diagonal)) in plane_steps.iter().zip(normal.planes.iter().zip(&plane_diagonals)) {
+            let step = Vector2::from(*step);
+            predicted += step.dot(&(diagonal.component_mul(&step) - gradient));
+        }
+        let landmarks = back_substitute(normal, &eliminated, &keyframes, plane_steps);
         for (landmark, (_, step)) in normal.landmarks.iter().zip(&landmarks) {
             let damped = landmark.hessian.diagonal().component_mul(step) * damping - landmark.gradient;
             predicted += step.dot(&damped);
         }
-        Ok(Some(Step { keyframes, landmarks, predicted: 0.5 * predicted }))
-    }
-
-    /// Takes the landmarks out of the poses.
-    fn eliminate(&self, normal: &Normal, damping: f64, band: &mut Band, gradient: &mut [SVector<f64, 6>]) -> Eliminated {
-        let mut eliminated =
-            Eliminated { landmarks: Vec::with_capacity(normal.landmarks.len()), views: Vec::with_capacity(normal.views.len()) };
-        for landmark in &normal.landmarks {
-            let damped = landmark.hessian + Matrix3::from_diagonal(&(landmark.hessian.diagonal() * damping));
-            let inverse = damped.cholesky().and_then(|factor| factor.l().solve_lower_triangular(&Matrix3::identity()));
-            // A landmark that nothing is known of stays where it is and says nothing.
-            let inverse = inverse.unwrap_or_else(Matrix3::zeros);
-            let e = inverse * landmark.gradient;
-            let begin = eliminated.views.len();
-            for (i, coupling) in &normal.views[landmark.views.clone()] {
-                let y = coupling * inverse.transpose();
-                gradient[*i] -= y * e;
-                eliminated.views.push(y);
-                for ((j, _), other) in normal.views[landmark.views.clone()].iter().zip(&eliminated.views[begin..]) {
-                    subtract_product(&mut band.0[self.structure.place(*i, *j)], &y, other);
-                }
-            }
-            eliminated.landmarks.push((inverse, e));
-        }
-        eliminated
+        Ok(Some(Step { keyframes, landmarks, planes: plane_steps.to_vec(), predicted: 0.5 * predicted }))
     }
 
     /// The first position and heading stay.
@@ -306,38 +300,4 @@ impl Bundle {
             own[(3 + r, 3 + r)] += GAUGE_WEIGHT * shift;
         }
     }
-}
-
-/// `L⁻¹` and `e` of each landmark, and `Y` of each view.
-struct Eliminated {
-    landmarks: Vec<(Matrix3<f64>, Vector3<f64>)>,
-    views: Vec<Coupling>,
-}
-
-/// `block ← block − a bᵀ`.
-#[inline]
-fn subtract_product(block: &mut Pose, a: &Coupling, b: &Coupling) {
-    for c in 0..6 {
-        let (x, y, z) = (b[(c, 0)], b[(c, 1)], b[(c, 2)]);
-        for r in 0..6 {
-            block[(r, c)] -= a[(r, 0)] * x + a[(r, 1)] * y + a[(r, 2)] * z;
-        }
-    }
-}
-
-fn back_substitute(normal: &Normal, eliminated: &Eliminated, keyframes: &[[f64; 15]]) -> Vec<(usize, Vector3<f64>)> {
-    let cameras: Vec<_> = normal
-        .camera_by_body
-        .iter()
-        .zip(keyframes)
-        .map(|(by_body, step)| by_body * SVector::<f64, 6>::from_column_slice(&step[..6]))
-        .collect();
-    let steps = normal.landmarks.iter().zip(&eliminated.landmarks).map(|(landmark, (inverse, e))| {
-        let mut whitened = *e;
-        for ((i, _), y) in normal.views[landmark.views.clone()].iter().zip(&eliminated.views[landmark.views.clone()]) {
-            whitened += y.tr_mul(&cameras[*i]);
-        }
-        (landmark.index, -inverse.tr_mul(&whitened))
-    });
-    steps.collect()
 }

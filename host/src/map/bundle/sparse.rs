@@ -1,8 +1,9 @@
 //! The reduced normal equations as a sparse matrix, factorised by faer.
 //!
 //! # Layout
-//! Fifteen columns a keyframe, the lower triangle by columns. Column `c` of keyframe `j` holds the rest of its own block, the whole block of
-//! its successor (the inertial factor), and of every later keyframe that sees a landmark of `j` the pose, where `c` belongs to the pose.
+//! Fifteen columns a keyframe and, after all of them, two a plane; the lower triangle by columns. Column `c` of keyframe `j` holds the rest of its own block, the whole block of
+//! its successor (the inertial factor), and where `c` belongs to the pose that of every later keyframe that sees a landmark of `j`, and all
+//! planes: they are few, and a landmark may come to be on any of them.
 //! What is never touched is no entry, so the pattern depends on who sees what alone: it is analysed once.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -11,6 +12,7 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 use nalgebra::SMatrix;
 
+use super::planes::PlaneBlocks;
 use super::{BundleError, Landmark};
 
 pub(super) type Pose = SMatrix<f64, 6, 6>;
@@ -34,7 +36,7 @@ pub(super) struct Band(pub Vec<Pose>);
 
 impl Structure {
     /// Analyses the pattern of all views, whether they take part or not.
-    pub fn new(keyframes: usize, landmarks: &[Landmark]) -> Result<Self, BundleError> {
+    pub fn new(keyframes: usize, landmarks: &[Landmark], planes: usize) -> Result<Self, BundleError> {
         let mut reach: Vec<usize> = (0..keyframes).collect();
         for landmark in landmarks {
             let Some(last) = landmark.views.last() else { continue };
@@ -60,6 +62,7 @@ impl Structure {
         }
         let later = |j: usize| (j + 1..=reach[j]).filter(|i| shared[offsets[j] + i - j]).collect::<Vec<_>>();
         let later: Vec<_> = (0..keyframes).map(later).collect();
+        let size = 15 * keyframes + 2 * planes;
         let (mut col_ptr, mut row_idx) = (vec![0], Vec::new());
         for (j, later) in later.iter().enumerate() {
             for c in 0..15 {
@@ -69,11 +72,15 @@ impl Structure {
                 }
                 if c < 6 {
                     row_idx.extend(later.iter().filter(|i| **i > j + 1).flat_map(|i| 15 * i..15 * i + 6));
+                    row_idx.extend(15 * keyframes..size);
                 }
                 col_ptr.push(row_idx.len());
             }
         }
-        let size = 15 * keyframes;
+        for p in (15 * keyframes..size).step_by(2) {
+            row_idx.extend([p, p + 1, p + 1]);
+            col_ptr.extend([row_idx.len() - 1, row_idx.len()]);
+        }
         let pattern = SymbolicSparseColMatRef::new_checked(size, size, &col_ptr, None, &row_idx);
         let symbolic =
             factorize_symbolic_cholesky(pattern, Side::Lower, SymmetricOrdering::Amd, CholeskySymbolicParams::default()).map_err(failed)?;
@@ -102,7 +109,14 @@ impl Structure {
 
     /// Solves for `right` in place. `own` holds `H(j, j)`, `successors` `H(j + 1, j)`, `band` the pose blocks of those that are not neighbours.
     /// `false` where the matrix is not positive definite.
-    pub fn solve(&self, own: &[Whole], successors: &[Whole], band: &Band, right: &mut [f64]) -> Result<bool, BundleError> {
+    pub fn solve(
+        &self,
+        own: &[Whole],
+        successors: &[Whole],
+        band: &Band,
+        planes: &PlaneBlocks,
+        right: &mut [f64],
+    ) -> Result<bool, BundleError> {
         let mut values = Vec::with_capacity(self.row_idx.len());
         for (j, later) in self.later.iter().enumerate() {
             for c in 0..15 {
@@ -114,8 +128,14 @@ impl Structure {
                     for i in later.iter().filter(|i| **i > j + 1) {
                         values.extend_from_slice(band.0[self.place(*i, j)].column(c).as_slice());
                     }
+                    for block in planes.by_pose.iter().skip(j).step_by(own.len()) {
+                        values.extend_from_slice(block.column(c).as_slice());
+                    }
                 }
             }
+        }
+        for own in &planes.own {
+            values.extend([own.m11, own.m21, own.m22]);
         }
         let size = self.col_ptr.len() - 1;
         let pattern = SymbolicSparseColMatRef::new_checked(size, size, &self.col_ptr, None, &self.row_idx);

@@ -6,8 +6,9 @@ use libella_core::plane::Plane;
 use libella_core::robust::kernel::Kernel;
 use libella_core::time::{Span, Timestamp};
 use libella_core::window::{CameraPose, NormalizedPoint};
-use nalgebra::{Isometry3, UnitQuaternion, UnitVector3, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
+use super::planes::FreePlane;
 use super::views::from_world;
 use super::{Bundle, BundleError, BundleSettings, Keyframe, Landmark, LandmarkView, RightView, pairs_between};
 use crate::config::Config;
@@ -35,7 +36,8 @@ fn world(kernel: Kernel<f64>) -> World {
     let (recording, truth) = simulate_with_landmarks(&config, 3).unwrap();
     let estimator = Config::default().estimator_config::<f64>(&ImuNoise::adis16448());
     let settings = BundleSettings { kernel, first_bias_sigma: None, ..BundleSettings::new(&estimator, recording.body_from_camera) };
-    let floor = Plane::through(&Vector3::zeros(), UnitVector3::new_normalize(Vector3::z()));
+    let corner = truth.iter().copied().reduce(|a, b| a.sup(&b)).unwrap();
+    let planes = vec![Plane::through(&Vector3::zeros(), Vector3::z_axis()), Plane::through(&corner, -Vector3::x_axis())];
     let mut keyframes: Vec<Keyframe> = Vec::new();
     let mut landmarks: Vec<Landmark> = truth
         .iter()
@@ -43,7 +45,7 @@ fn world(kernel: Kernel<f64>) -> World {
             position_in_world: *at,
             used: true,
             views: Vec::new(),
-            plane: (floor.distance_m(at).abs() < 1e-6).then_some(0),
+            plane: planes.iter().position(|plane| plane.distance_m(at).abs() < 1e-6),
         })
         .collect();
     for frame in recording.frames.iter().step_by(4) {
@@ -71,7 +73,7 @@ fn world(kernel: Kernel<f64>) -> World {
         keyframes.push(Keyframe { stamp: frame.stamp, state, at_rest: false });
     }
     landmarks.retain(|landmark| landmark.views.len() > 3);
-    World { settings, keyframes, landmarks, planes: vec![floor], recording }
+    World { settings, keyframes, landmarks, planes, recording }
 }
 
 impl World {
@@ -93,6 +95,11 @@ impl World {
         for landmark in &mut self.landmarks {
             landmark.position_in_world += random.normal3() * (0.05 * scale);
         }
+        for plane in &mut self.planes {
+            let mut free = FreePlane::new(*plane);
+            free.retract([scale * random.normal() * 0.05, scale * random.normal() * 0.02]);
+            *plane = free.plane;
+        }
     }
 }
 
@@ -110,7 +117,11 @@ fn farthest(bundle: &Bundle, truth: &World) -> (f64, f64) {
 fn at_the_truth_there_is_no_cost() {
     let bundle = world(Kernel::huber(4.0)).bundle().unwrap();
     let (landmarks, corners) = bundle.counts();
-    assert!(landmarks > 60 && corners > 600 && bundle.landmarks().iter().any(|landmark| landmark.plane.is_some()), "{landmarks} {corners}");
+    assert!(landmarks > 60 && corners > 600, "{landmarks} {corners}");
+    for plane in [0, 1] {
+        let on = bundle.landmarks().iter().filter(|landmark| landmark.plane == Some(plane)).count();
+        assert!(on > 5, "{on} landmarks on plane {plane}");
+    }
     assert!(bundle.cost() < 1e-12, "{}", bundle.cost());
 }
 
@@ -124,6 +135,9 @@ fn what_was_disturbed_is_found_again() {
     let (state, landmark) = farthest(&bundle, &truth);
     assert!(report.initial_cost > 1e4 && report.final_cost < 1e-12, "{report:?}");
     assert!(state < 1e-6 && landmark < 1e-6, "{state} {landmark}");
+    for (found, truth) in bundle.planes().zip(&truth.planes) {
+        assert!((found.offset_m - truth.offset_m).abs() < 1e-6 && found.angle_rad(truth) < 1e-6, "{found:?} {truth:?}");
+    }
 }
 
 #[test]
@@ -157,7 +171,7 @@ fn slopes_of_the_whole_are_those_of_the_cost() {
         world.keyframes[7].at_rest = true;
         world.disturb(0.3);
         let mut bundle = world.bundle().unwrap();
-        let (keyframes, landmarks) = bundle.linearize().gradients();
+        let (keyframes, landmarks, planes) = bundle.linearize().gradients();
         let step = 1e-6;
         for k in [0, 1, 7, 20, bundle.keyframes.len() - 1] {
             let saved = bundle.keyframes[k].state;
@@ -172,6 +186,21 @@ fn slopes_of_the_whole_are_those_of_the_cost() {
                 assert!((numerical - keyframes[k][i]).abs() < 1e-3 + 1e-4 * numerical.abs(), "{k} {i}: {numerical} {}", keyframes[k][i]);
             }
             bundle.keyframes[k].state = saved;
+        }
+        for (index, slope) in planes.into_iter().enumerate() {
+            let saved = bundle.planes[index];
+            for i in 0..2 {
+                let mut cost = |step: f64| {
+                    let mut delta = [0.0; 2];
+                    delta[i] = step;
+                    bundle.planes[index] = saved;
+                    bundle.planes[index].retract(delta);
+                    bundle.cost()
+                };
+                let numerical = (cost(step) - cost(-step)) / (2.0 * step);
+                assert!((numerical - slope[i]).abs() < 1e-3 + 1e-4 * numerical.abs(), "plane {index} {i}: {numerical} {slope}");
+            }
+            bundle.planes[index] = saved;
         }
         for (index, slope) in landmarks.into_iter().step_by(9) {
             let saved = bundle.landmarks[index].position_in_world;
@@ -208,11 +237,6 @@ fn the_model_knows_how_far_the_cost_falls() {
 fn the_first_position_and_heading_stay_and_the_rest_may_turn_with_the_world() {
     let mut disturbed = world(Kernel::huber(4.0));
     disturbed.disturb(0.3);
-    // Planes are given in world, so they would not turn.
-    disturbed.planes.clear();
-    for landmark in &mut disturbed.landmarks {
-        landmark.plane = None;
-    }
     let mut first = disturbed.bundle().unwrap();
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.7);
     let moved = Isometry3::from_parts(Vector3::new(3.0, -2.0, 0.5).into(), turn);
@@ -227,6 +251,10 @@ fn the_first_position_and_heading_stay_and_the_rest_may_turn_with_the_world() {
     }
     for landmark in &mut disturbed.landmarks {
         landmark.position_in_world = moved * nalgebra::Point3::from(landmark.position_in_world) - nalgebra::Point3::origin();
+    }
+    for plane in &mut disturbed.planes {
+        let on_it = moved * nalgebra::Point3::from(plane.normal_in_world.into_inner() * -plane.offset_m);
+        *plane = Plane::through(&on_it.coords, turn * plane.normal_in_world);
     }
     let mut second = disturbed.bundle().unwrap();
     assert!((first.cost() / second.cost() - 1.0).abs() < 1e-9);
@@ -276,7 +304,7 @@ fn what_cannot_be_adjusted_is_said_in_a_sentence() {
     assert!(matches!(refused(&|world| world.recording.imu.truncate(400)), BundleError::MissingImu(..)));
     assert!(matches!(refused(&|world| world.recording.imu.clear()), BundleError::MissingImu(..)));
     assert!(matches!(refused(&|world| world.landmarks[0].views[0].keyframe = 1000), BundleError::Reference(0)));
-    assert!(matches!(refused(&|world| world.landmarks[2].plane = Some(1)), BundleError::Reference(2)));
+    assert!(matches!(refused(&|world| world.landmarks[2].plane = Some(2)), BundleError::Reference(2)));
     assert!(matches!(refused(&|world| world.settings.imu_noise = world.settings.imu_noise.scaled(0.0)), BundleError::Noise(_)));
     let mut blind = sound();
     blind.landmarks.clear();
@@ -301,4 +329,17 @@ fn neighbouring_samples_cover_the_interval_and_no_more() {
     assert_eq!(spans(at(2000), at(11_000)), [micro(0, 3000), micro(3000, 8000), micro(8000, 9000)]);
     assert_eq!(spans(at(1000), at(2000)), [micro(0, 1000)]);
     assert_eq!(spans(at(0), at(0)), []);
+}
+
+#[test]
+fn a_plane_that_no_landmark_tells_of_stays_and_harms_nothing() {
+    let truth = world(Kernel::huber(4.0));
+    let mut disturbed = world(Kernel::huber(4.0));
+    disturbed.disturb(0.3);
+    let far = Plane::through(&Vector3::new(0.0, 90.0, 0.0), Vector3::y_axis());
+    disturbed.planes.push(far);
+    let mut bundle = disturbed.bundle().unwrap();
+    bundle.optimize(40, |_| true).unwrap();
+    assert!(farthest(&bundle, &truth).0 < 1e-6);
+    assert_eq!(bundle.planes().nth(2), Some(&far));
 }

@@ -29,7 +29,8 @@ linux() { # a 64-bit ARM Linux: the core's tests, the firmware's flight, and the
   scripts/arm-linux-setup
   # shellcheck source=scripts/arm-linux-env
   . scripts/arm-linux-env
-  cargo test -p libella-core --lib --target "$target"
+  # Without two that start over and over: they alone take minutes under emulation.
+  cargo test -p libella-core --lib --target "$target" -- --skip over_a_hundred_seeds --skip real_motion_starts_with_simulated_points
   # Without the examples in its documentation: they would need a rustdoc of that toolchain.
   cargo test --manifest-path firmware-sim/Cargo.toml --lib --tests --target "$target"
   cargo build -p libella-host --no-default-features --target "$target" --profile emulated

@@ -54,7 +54,7 @@ fn rows(path: &Path) -> (BTreeMap<String, usize>, BTreeMap<String, usize>, usize
 
 #[test]
 fn a_recorded_flight_holds_what_the_run_gave() {
-    let (recording, config) = (flight(3.0), Config::default());
+    let (recording, config) = (flight(6.0), Config::default());
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flight.rrd");
     let mut viewer = Viewer::open(&Target::File(path.clone()), &recording, false).unwrap();
@@ -85,7 +85,7 @@ fn a_recorded_flight_holds_what_the_run_gave() {
 
 #[test]
 fn what_cannot_be_recorded_ends_in_one_sentence() {
-    let recording = flight(0.5);
+    let recording = flight(1.0);
     let opened = |target| Viewer::open(&target, &recording, false).map(|_| ()).unwrap_err();
     let folder = tempfile::tempdir().unwrap();
     let fault = opened(Target::File(folder.path().join("absent/flight.rrd")));

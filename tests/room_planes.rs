@@ -33,6 +33,7 @@ const LEAST_S: f64 = 5.0;
 /// Raw pixels from one value of an exact map to the next, and what it says of itself: as maps of a recording.
 const STEP: usize = 8;
 const SIGMA_LOG: f32 = 0.01;
+const EXACT: &str = "exact";
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Depth {
@@ -73,7 +74,7 @@ impl DepthNetwork for Exact {
     }
 
     fn describe(&self) -> String {
-        "exact".into()
+        EXACT.into()
     }
 
     fn kind(&self) -> DepthKind {
@@ -84,6 +85,10 @@ impl DepthNetwork for Exact {
 fn run(recording: &Recording, network: Option<Box<dyn DepthNetwork>>, normals: bool) -> Run {
     let mut config = Config::default();
     config.planes.normals = normals;
+    if network.as_ref().is_some_and(|network| network.describe() == EXACT) {
+        // As in suites/exact_depth_config.toml: metres that need no factor, and errors that differ from pixel to pixel.
+        (config.estimator.depth.scale_sigma, config.estimator.depth.inflation) = (0.001, 1.0);
+    }
     pipeline::run_with_depth(recording, &config, network, &AtomicBool::new(false), |_| ()).unwrap()
 }
 

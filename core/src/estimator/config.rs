@@ -110,7 +110,7 @@ pub struct DepthConfig<T: Real> {
     /// A depth farther from what the corners say than this many standard deviations is given up.
     pub gate_sigma: T,
     /// Shortest stretch of motion for a start with depths, s. What tells that they are wrong grows with its square: an acceleration of 1 m/s²
-    /// is 2 cm after 0.2 s, 8 cm after 0.4 s.
+    /// is 2 cm after 0.2 s, 4.5 cm after 0.3 s.
     pub shortest_start_s: T,
 }
 
@@ -158,7 +158,7 @@ impl<T: Real> Default for DepthConfig<T> {
             scale_walk_per_root_s: T::of(0.005),
             image_scale_sigma: T::of(0.1),
             gate_sigma: T::of(3.0),
-            shortest_start_s: T::of(0.4),
+            shortest_start_s: T::of(0.3),
         }
     }
 }

@@ -46,7 +46,7 @@ pub struct DepthUseSection {
     pub image_scale_sigma: f64,
     /// A depth farther from what the corners say than this many standard deviations is given up. Default 3.0.
     pub gate_sigma: f64,
-    /// Shortest stretch of motion for a start with depths, s. Default 0.4.
+    /// Shortest stretch of motion for a start with depths, s. Default 0.3.
     pub shortest_start_s: f64,
 }
 

@@ -33,7 +33,6 @@ const LEAST_S: f64 = 5.0;
 /// Raw pixels from one value of an exact map to the next, and what it says of itself: as maps of a recording.
 const STEP: usize = 8;
 const SIGMA_LOG: f32 = 0.01;
-const EXACT: &str = "exact";
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Depth {
@@ -74,7 +73,7 @@ impl DepthNetwork for Exact {
     }
 
     fn describe(&self) -> String {
-        EXACT.into()
+        "exact".into()
     }
 
     fn kind(&self) -> DepthKind {
@@ -82,14 +81,8 @@ impl DepthNetwork for Exact {
     }
 }
 
-fn run(recording: &Recording, network: Option<Box<dyn DepthNetwork>>, normals: bool) -> Run {
-    let mut config = Config::default();
-    config.planes.normals = normals;
-    if network.as_ref().is_some_and(|network| network.describe() == EXACT) {
-        // As in suites/exact_depth_config.toml: metres that need no factor, and errors that differ from pixel to pixel.
-        (config.estimator.depth.scale_sigma, config.estimator.depth.inflation) = (0.001, 1.0);
-    }
-    pipeline::run_with_depth(recording, &config, network, &AtomicBool::new(false), |_| ()).unwrap()
+fn run(recording: &Recording, network: Option<Box<dyn DepthNetwork>>, config: &Config) -> Run {
+    pipeline::run_with_depth(recording, config, network, &AtomicBool::new(false), |_| ()).unwrap()
 }
 
 /// What was found in a room; `poses` are those of the true camera, a fifth of a second apart.
@@ -156,7 +149,12 @@ impl Flown {
                 choice.open(&self.recording.rig.camera, None).unwrap()
             }
         };
-        let run = run(&self.recording, network, normals);
+        let mut config = match depth {
+            Depth::Exact => Config::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("suites/exact_depth_config.toml")).unwrap(),
+            Depth::None | Depth::Indoor => Config::default(),
+        };
+        config.planes.normals = normals;
+        let run = run(&self.recording, network, &config);
         let body_from_camera = self.recording.rig.body_from_camera;
         let flight = &self.rendered.flight;
         let poses = flight.frame_stamps.iter().step_by(4).map(|stamp| flight.world_from_camera(*stamp, &body_from_camera));
@@ -177,7 +175,7 @@ fn a_short_flight_with_exact_depth_finds_the_floor_and_nothing_that_is_not_there
 fn a_real_grid_of_tags_is_a_plane_that_leans() {
     let Some(folder) = data("imu_april") else { return };
     let recording = dataset::open(&folder, &Config::default().dataset).unwrap();
-    let run = run(&recording, None, true);
+    let run = run(&recording, None, &Config::default());
     let planes = run.planes.as_ref().unwrap();
     // The truth is that of the camera in the grid, whose plane is z = 0.
     let evaluation = evaluate(&run.trajectory(), recording.truth.as_ref().unwrap(), &Config::default().evaluation).unwrap();
@@ -235,7 +233,7 @@ fn rooms_of_another_renderer() {
         let body_from_camera = recording.rig.body_from_camera;
         for depth in ["none", "indoor"] {
             let Ok(choice) = depth.parse::<ModelChoice>();
-            let run = run(&recording, choice.open(&recording.rig.camera, None).unwrap(), true);
+            let run = run(&recording, choice.open(&recording.rig.camera, None).unwrap(), &Config::default());
             let poses = (0..recording.listed_frames)
                 .step_by(4)
                 .filter_map(|index| truth.at(recording.frames.stamp(index)?, libella_core::time::Span::from_millis(100)));

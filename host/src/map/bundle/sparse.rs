@@ -1,9 +1,9 @@
 //! The reduced normal equations as a sparse matrix, factorised by faer.
 //!
 //! # Layout
-//! Fifteen columns a keyframe and, after all of them, two a plane; the lower triangle by columns. Column `c` of keyframe `j` holds the rest of its own block, the whole block of
-//! its successor (the inertial factor), and where `c` belongs to the pose that of every later keyframe that sees a landmark of `j`, and all
-//! planes: they are few, and a landmark may come to be on any of them.
+//! Fifteen columns a keyframe and, after all of them, two a plane; the lower triangle by columns. Column `c` of keyframe `j` holds the rest
+//! of its own block, the whole block of its successor (the inertial factor), and where `c` belongs to the pose that of every later keyframe
+//! that sees a landmark of `j`, and all planes: they are few, and a landmark may come to be on any of them.
 //! What is never touched is no entry, so the pattern depends on who sees what alone: it is analysed once.
 
 use faer::dyn_stack::{MemBuffer, MemStack};

@@ -60,7 +60,7 @@ impl Bundle {
                 planes.gradient[plane] -= y * e;
                 planes.own[plane] -= y * y.transpose();
                 for ((i, _), other) in normal.views[landmark.views.clone()].iter().zip(&eliminated.views[begin..]) {
-                    planes.by_pose[plane * self.keyframes.len() + i] -= y * other.transpose();
+                    *planes.by_pose_mut(plane, *i) -= y * other.transpose();
                 }
                 (plane, y)
             });

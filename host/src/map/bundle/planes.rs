@@ -43,7 +43,8 @@ pub(super) struct PlaneBlocks {
     /// `H(p, p)`.
     pub own: Vec<Matrix2<f64>>,
     /// `H(p, i)`, all keyframes of the first plane, then those of the second.
-    pub by_pose: Vec<PlaneByPose>,
+    by_pose: Vec<PlaneByPose>,
+    keyframes: usize,
     pub gradient: Vec<Vector2<f64>>,
 }
 
@@ -81,17 +82,26 @@ impl PlaneBlocks {
         let blocks = Self {
             own: planes.iter().zip(&diagonals).map(|((own, _), more)| own + Matrix2::from_diagonal(more)).collect(),
             by_pose: vec![PlaneByPose::zeros(); keyframes * planes.len()],
+            keyframes,
             gradient: planes.iter().map(|(_, gradient)| *gradient).collect(),
         };
         (blocks, diagonals)
     }
 
+    /// `H(p, i)`.
+    pub fn by_pose_mut(&mut self, plane: usize, keyframe: usize) -> &mut PlaneByPose {
+        &mut self.by_pose[plane * self.keyframes + keyframe]
+    }
+
+    /// `H(p, i)` of one keyframe and every plane.
+    pub fn of_keyframe(&self, keyframe: usize) -> impl Iterator<Item = &PlaneByPose> {
+        self.by_pose.iter().skip(keyframe).step_by(self.keyframes)
+    }
+
     /// From motions of the cameras to those of the bodies.
     pub fn turn_to_bodies(&mut self, camera_by_body: &[Pose]) {
-        for of_plane in self.by_pose.chunks_exact_mut(camera_by_body.len()) {
-            for (block, by_body) in of_plane.iter_mut().zip(camera_by_body) {
-                *block *= by_body;
-            }
+        for (block, by_body) in self.by_pose.iter_mut().zip(camera_by_body.iter().cycle()) {
+            *block *= by_body;
         }
     }
 }

@@ -128,7 +128,7 @@ impl Structure {
                     for i in later.iter().filter(|i| **i > j + 1) {
                         values.extend_from_slice(band.0[self.place(*i, j)].column(c).as_slice());
                     }
-                    for block in planes.by_pose.iter().skip(j).step_by(own.len()) {
+                    for block in planes.of_keyframe(j) {
                         values.extend_from_slice(block.column(c).as_slice());
                     }
                 }

@@ -581,6 +581,39 @@ fn what_is_not_a_point_is_refused() {
     assert!(found.is_empty() && samples.plane_of(0).is_none() && samples.plane_of(9).is_none());
 }
 
+/// A corner mistaken for another may be anywhere, on the plane too.
+#[test]
+fn a_point_far_out_on_a_plane_does_not_stretch_its_outline() {
+    let mut generator = Generator::new(17);
+    let mut points = rectangle(&mut generator, 200, [0.0, 0.0, -1.0], [6.0, 0.0, 0.0], [0.0, 4.0, 0.0]);
+    let config = FitConfig::default();
+    let within = detect(&measure(&mut generator, &points, CLEAN), Vector3::z(), &config, 1);
+    let area_m2 = within.first().unwrap().polygon.area_m2();
+    assert!((19.0..25.0).contains(&area_m2), "{area_m2}");
+    for far_m in [15.0, 80.0, 260.0] {
+        points.truncate(200);
+        points.push((Vector3::new(3.0 - far_m, 2.0, -1.0), Vector3::z()));
+        let found = detect(&measure(&mut generator, &points, CLEAN), Vector3::z(), &config, 1);
+        let polygon = &found.first().unwrap().polygon;
+        assert!((polygon.area_m2() - area_m2).abs() < 0.1 * area_m2, "{far_m} m: {} m2", polygon.area_m2());
+    }
+}
+
+/// What lies evenly on a rectangle, however long, is in its outline to the corners.
+#[test]
+fn corners_of_a_long_wall_are_in_its_outline() {
+    let mut generator = Generator::new(18);
+    for length in [2.0, 6.0, 20.0] {
+        let points = rectangle(&mut generator, 600, [0.0, 3.0, 0.0], [length, 0.0, 0.0], [0.0, 0.0, 2.5]);
+        let found = detect(&measure(&mut generator, &points, CLEAN), Vector3::z(), &FitConfig::default(), 1);
+        let wall = found.first().unwrap();
+        for (x, z) in [(0.0, 0.0), (length, 0.0), (0.0, 2.5), (length, 2.5)] {
+            let off_m = wall.polygon.distance_m(wall.fit.plane.project(&Vector3::new(x, 3.0, z))).unwrap();
+            assert!(off_m < 0.1 * length.max(2.5), "{length} m: {off_m} m");
+        }
+    }
+}
+
 #[test]
 fn nothing_is_found_in_nothing() {
     let config = FitConfig::<f64>::default();

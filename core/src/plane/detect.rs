@@ -9,6 +9,10 @@
 //! Where gravity is off by a few degrees, the slab about a horizontal plane covers a strip of the floor only, and the strips beside it would be
 //! planes of their own. So the inliers' own plane, as long as it is within the tilt tolerance, takes its inliers along.
 //!
+//! A point that is on the plane by chance, a corner mistaken for another and a hundred metres off, would stretch the polygon to it for good.
+//! What is farther from the inliers' mean than the diagonal of their extent is left out of the polygon: twice as far as the corner of a
+//! rectangle that they cover evenly.
+//!
 //! # Degeneracy
 //! Every round takes at least one sample, and there are at most `2 P + 4`; the draws of each are bounded by [`FitConfig::ransac`].
 
@@ -103,6 +107,8 @@ impl<T: Real, const P: usize, const V: usize> Detections<T, P, V> {
         let plane = found.fit.plane;
         let (e1, e2) = plane.axes();
         let (e1, e2) = (view.level_from_world * e1, view.level_from_world * e2);
+        let [minor, major] = found.fit.extent_m;
+        let (mean, reach_squared) = (view.level_from_world * found.fit.mean_in_world, minor * minor + major * major);
         let mut hull = Hull::<T, V>::new();
         #[allow(clippy::cast_possible_truncation)]
         let place = self.planes.len() as u8; // P < 255
@@ -110,7 +116,9 @@ impl<T: Real, const P: usize, const V: usize> Detections<T, P, V> {
             let is_on = limits.admit(&found.surface, row) || own.is_some_and(|own| limits.admit(&own, row));
             if is_on {
                 let point = Vector3::new(row[0], row[1], row[2]);
-                hull.push([e1.dot(&point), e2.dot(&point)]);
+                if (point - mean).norm_squared() <= reach_squared {
+                    hull.push([e1.dot(&point), e2.dot(&point)]);
+                }
             }
             is_on
         });

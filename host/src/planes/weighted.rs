@@ -8,6 +8,13 @@
 //! δ = Σ w u r / (Σ w u² + 1/σ_δ²)        d ← d − r̄
 //! ```
 //! `σ_δ` = 1° says that a wall which was found along another one's direction mostly has it; a horizontal plane only moves.
+//!
+//! What the search took for one plane may be two that are close: a wall and the curtain before it, a floor and the mats on it. Their mean is
+//! neither. So points count less the farther they are off, as in Cauchy's distribution, and the fit is made anew with the weights of the
+//! last one:
+//! ```text
+//! w_i = 1/(σ_i² + σ_s² + r_i²)
+//! ```
 
 use libella_core::plane::{Detection, Orientation, Plane, Polygon};
 use nalgebra::{UnitVector3, Vector3};
@@ -19,6 +26,9 @@ use super::sight::Sight;
 const ROUGHNESS_M: f64 = 0.02;
 /// How well the direction of another wall tells that of one which was found along it, rad.
 const TURN_SIGMA_RAD: f64 = 0.0175;
+/// Fits with the weights of the one before, at most, and what a wall still moves by when that is enough, m.
+const ROUNDS: usize = 30;
+const SETTLED_M: f64 = 1e-4;
 
 /// The same plane, fitted once more to the points that were found on it.
 pub(super) fn refit<'a>(found: &Detection<f64, CORNERS>, on_it: impl Iterator<Item = &'a Sight> + Clone) -> Detection<f64, CORNERS> {
@@ -26,26 +36,35 @@ pub(super) fn refit<'a>(found: &Detection<f64, CORNERS>, on_it: impl Iterator<It
     let normal = plane.normal_in_world.into_inner();
     // e₁ is horizontal for a wall.
     let (along, _) = plane.axes();
-    let weighed = on_it.map(|sight| {
-        let point = sight.sample.point_in_world;
-        (1.0 / (sight.sigma_m(&normal).powi(2) + ROUGHNESS_M * ROUGHNESS_M), point)
-    });
-    let (all, sum) = weighed.clone().fold((0.0, Vector3::zeros()), |(all, sum), (weight, point)| (all + weight, sum + point * weight));
-    if all <= 0.0 {
-        return *found;
-    }
-    let mean = sum / all;
-    let turn = if found.orientation == Orientation::Vertical {
-        let (both, squares) = weighed.fold((0.0, TURN_SIGMA_RAD.powi(-2)), |(both, squares), (weight, point)| {
-            let (u, r) = (along.dot(&(point - mean)), normal.dot(&(point - mean)));
-            (both + weight * u * r, squares + weight * u * u)
+    let mut refined = plane;
+    for _ in 0..ROUNDS {
+        let weighed = on_it.clone().map(|sight| {
+            let point = sight.sample.point_in_world;
+            let off_m = refined.distance_m(&point);
+            (1.0 / (sight.sigma_m(&normal).powi(2) + ROUGHNESS_M * ROUGHNESS_M + off_m * off_m), point)
         });
-        both / squares
-    } else {
-        0.0
-    };
-    // r = δ u on the turned plane, so n ← n − δ e₁.
-    let refined = Plane::through(&mean, UnitVector3::new_normalize(normal - along * turn)).canonical().aligned_with(&plane);
+        let (all, sum) = weighed.clone().fold((0.0, Vector3::zeros()), |(all, sum), (weight, point)| (all + weight, sum + point * weight));
+        if all <= 0.0 {
+            return *found;
+        }
+        let mean = sum / all;
+        let turn = if found.orientation == Orientation::Vertical {
+            let (both, squares) = weighed.fold((0.0, TURN_SIGMA_RAD.powi(-2)), |(both, squares), (weight, point)| {
+                let (u, r) = (along.dot(&(point - mean)), normal.dot(&(point - mean)));
+                (both + weight * u * r, squares + weight * u * u)
+            });
+            both / squares
+        } else {
+            0.0
+        };
+        // r = δ u on the turned plane, so n ← n − δ e₁.
+        let next = Plane::through(&mean, UnitVector3::new_normalize(normal - along * turn)).canonical().aligned_with(&plane);
+        let moved_m = refined.distance_m(&mean).abs();
+        refined = next;
+        if moved_m < SETTLED_M {
+            break;
+        }
+    }
     let corners = found.polygon.corners().iter().map(|corner| refined.project(&plane.lift(*corner)));
     let mut better = *found;
     better.polygon = Polygon::of(corners);
@@ -108,6 +127,15 @@ pub(super) mod tests {
             let moved = refined.fit.plane.lift(*new) - found(0.05).fit.plane.lift(*old);
             assert!(moved.norm() < 0.07, "a corner went {} m", moved.norm());
         }
+    }
+
+    #[test]
+    fn of_two_planes_that_are_close_the_fuller_one_is_meant() {
+        // A wall, and a curtain 9 cm before two fifths of it: found between them, where both are on it.
+        let points = sights(|k| if k % 5 < 2 { 0.05 } else { -0.04 }, |_| 0.005);
+        let refined = refit(&found(0.0), points.iter());
+        let off_m = -refined.fit.plane.offset_m - 1.96;
+        assert!((0.0..0.01).contains(&off_m), "{off_m} m before the wall; the mean of all is 3.6 cm before it");
     }
 
     #[test]

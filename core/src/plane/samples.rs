@@ -24,6 +24,9 @@ use crate::real::Real;
 /// Coordinates beyond this are refused, m: in single precision they are known to millimetres only, and squares of them sum up badly.
 pub const GREATEST_COORDINATE_M: f64 = 1e4;
 
+/// What a point of a depth map weighs beside one of the map.
+const DEPTH_WEIGHT: f64 = 0.5;
+
 /// Where a point comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Source<T: Real> {
@@ -34,6 +37,17 @@ pub enum Source<T: Real> {
         /// `u`, in [0, 1]: 0 is certain.
         uncertainty: T,
     },
+}
+
+impl<T: Real> Source<T> {
+    /// What such a point counts beside others.
+    #[must_use]
+    pub fn weight(&self) -> T {
+        match self {
+            Self::MapPoint => T::one(),
+            Self::Depth { .. } => T::of(DEPTH_WEIGHT),
+        }
+    }
 }
 
 /// A point that may lie on a plane.
@@ -330,7 +344,7 @@ impl<T: Real> View<'_, T> {
     pub fn runs(&self, candidates: Candidates) -> impl Iterator<Item = Run<T>> {
         candidates.groups().map(move |group| Run {
             range: usize::from(self.starts[group])..usize::from(self.starts[group + 1]),
-            weight: if group % 2 == OF_DEPTH { T::of(0.5) } else { T::one() },
+            weight: if group % 2 == OF_DEPTH { T::of(DEPTH_WEIGHT) } else { T::one() },
             checks_normals: candidates != Candidates::Horizontal && !(UNKNOWN..UPRIGHT).contains(&group),
             has_normals: !(UNKNOWN..UPRIGHT).contains(&group),
         })

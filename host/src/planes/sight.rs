@@ -13,7 +13,7 @@
 //! # Degeneracy
 //! A hull is convex: an L-shaped floor would be seen through in its corner, but there is seldom anything below a floor or behind a wall.
 
-use libella_core::plane::{Plane, Polygon, Sample, Source};
+use libella_core::plane::{Plane, Polygon, Sample};
 use nalgebra::Vector3;
 
 use super::finder::CORNERS;
@@ -48,7 +48,7 @@ impl Sight {
     /// What the point counts beside others: a point of a depth map half.
     #[must_use]
     pub fn weight(&self) -> f64 {
-        if self.sample.source == Source::MapPoint { 1.0 } else { 0.5 }
+        self.sample.source.weight()
     }
 
     /// Standard deviation of the distance of the point from a plane through it, m.
@@ -94,6 +94,8 @@ pub fn is_opaque(plane: &Plane<f64>, polygon: &Polygon<f64, CORNERS>, sights: &[
 
 #[cfg(test)]
 mod tests {
+    use libella_core::plane::Source;
+
     use super::*;
 
     /// The wall `x = 2`, 2 m wide and high.

@@ -9,7 +9,7 @@ use libella_host::fault::Fault;
 use libella_host::pipeline::{self, ContactSheet, Figure, Report};
 use libella_host::planes;
 use libella_host::report::{Snapshots, write_data, write_page};
-use libella_host::sim::{RenderConfig, RenderedFlight};
+use libella_host::sim::{Furnishing, RenderConfig, RenderedFlight};
 
 use super::run::{describe, exit, parse_scalar, progress, stop_on_interrupt, subtitle, word};
 use super::simulate::{motion, movers, unusable};
@@ -53,8 +53,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     pipeline::prepare_outputs(&arguments.out)?;
     let stop = stop_on_interrupt();
     let begun = Instant::now();
+    let furnishing = Furnishing { movers, is_bare: false };
     let flight =
-        RenderedFlight::with_movers(&source, &RenderConfig::default(), arguments.scene_seed, arguments.seed, movers).map_err(unusable)?;
+        RenderedFlight::furnished(&source, &RenderConfig::default(), arguments.scene_seed, arguments.seed, furnishing).map_err(unusable)?;
     let room_s = begun.elapsed().as_secs_f64();
     let motion = PathBuf::from(&arguments.trajectory).file_name().map(|name| name.to_string_lossy().into_owned());
     let crowd = if movers > 0 { format!(", {movers} moving objects") } else { String::new() };

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
 use libella_host::fault::{Fault, FaultKind};
-use libella_host::sim::{self, AslOptions, MotionKind, MotionSource, RenderConfig, RenderedFlight, SimError};
+use libella_host::sim::{self, AslOptions, Furnishing, MotionKind, MotionSource, RenderConfig, RenderedFlight, SimError};
 
 use super::run::{progress, stop_on_interrupt};
 use super::{Exit, say};
@@ -27,6 +27,9 @@ pub(crate) struct Arguments {
     /// and the room itself are the same without them.
     #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true)]
     dynamic: i32,
+    /// A room poor in texture: plain plaster on floor and walls, nothing on them, boxes as ever.
+    #[arg(long)]
+    bare: bool,
     /// Seed of the motion and of all noise.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -50,7 +53,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Exit, Fault> {
     }
     let stop = stop_on_interrupt();
     let (room, seed) = (arguments.scene_seed, arguments.seed);
-    let rendered = RenderedFlight::with_movers(&source, &RenderConfig::default(), room, seed, movers).map_err(unusable)?;
+    let furnishing = Furnishing { movers, is_bare: arguments.bare };
+    let rendered = RenderedFlight::furnished(&source, &RenderConfig::default(), room, seed, furnishing).map_err(unusable)?;
     let options = AslOptions { right_camera: arguments.right, depth: !arguments.no_depth };
     let all = rendered.flight.frame_stamps.len();
     let bar = progress(all, arguments.quiet);

@@ -256,7 +256,7 @@ pub fn planes_json(scene: &Scene) -> String {
 mod tests {
     use super::*;
     use crate::sim::stream::MotionSource;
-    use crate::sim::{AnalyticConfig, ImuConfig, MotionKind, RenderConfig};
+    use crate::sim::{AnalyticConfig, Furnishing, ImuConfig, MotionKind, RenderConfig};
     use std::sync::{Arc, OnceLock};
 
     /// One second; baked once for all tests.
@@ -318,7 +318,7 @@ mod tests {
             let render = RenderConfig { threads, ..RenderConfig::default() };
             let motion = AnalyticConfig { kind: MotionKind::Medium, duration_s: 1.0, rest_s: 0.0, ..AnalyticConfig::default() };
             let source = MotionSource::Analytic(motion, ImuConfig::default());
-            let rendered = RenderedFlight::with_movers(&source, &render, 5, 6, 3).unwrap();
+            let rendered = RenderedFlight::furnished(&source, &render, 5, 6, Furnishing { movers: 3, is_bare: false }).unwrap();
             let folder = tempfile::tempdir().unwrap();
             let options = AslOptions { right_camera: true, depth: true };
             write_asl(folder.path(), &rendered, &options, &mut |done, _| done < 4).unwrap();

@@ -40,7 +40,7 @@ pub use photometry::PhotometryConfig;
 pub use render::{DepthMap, RenderConfig, Renderer, World};
 pub use rooms::{RoomView, RoomsConfig, room_views};
 pub use scene::{MOST_MOVERS, Mover, RoomConfig, Scene};
-pub use stream::{ImageStream, MotionSource, RenderedFlight};
+pub use stream::{Furnishing, ImageStream, MotionSource, RenderedFlight};
 pub use trajectory::{AnalyticConfig, Motion, MotionKind, Trajectory};
 
 use std::path::Path;

@@ -156,7 +156,7 @@ fn furnished(random: &mut Random, flight_share: f64, seed: u64) -> Result<(RoomC
         Vector3::new(random.between(12.0, 26.0), random.between(12.0, 24.0), random.between(4.0, 9.0))
     };
     let boxes = random.below(28);
-    let room = RoomConfig { floor_center_m: Vector3::zeros(), size_m: size, boxes, clearance_m: random.between(0.3, 0.9) };
+    let room = RoomConfig { floor_center_m: Vector3::zeros(), size_m: size, boxes, clearance_m: random.between(0.3, 0.9), is_bare: false };
     // Something stays open in the middle.
     let open = [Vector3::new(0.2 * size.x * random.between(-1.0, 1.0), 0.2 * size.y * random.between(-1.0, 1.0), 1.2)];
     let mut scene = Scene::room(&room, &open, mix(seed))?;

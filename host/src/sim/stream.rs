@@ -28,6 +28,15 @@ pub struct RenderedFlight {
     pub seed: u64,
 }
 
+/// What a room has beside its usual things, or has not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Furnishing {
+    /// Moving objects, at most [`MOST_MOVERS`](super::MOST_MOVERS). The room and the flight are the same without them.
+    pub movers: usize,
+    /// Poor in texture: see [`RoomConfig::is_bare`].
+    pub is_bare: bool,
+}
+
 /// Where the motion of a rendered flight comes from.
 #[derive(Debug, Clone, PartialEq)]
 pub enum MotionSource {
@@ -71,21 +80,27 @@ impl RenderedFlight {
     /// # Errors
     /// A parameter out of range, or a recording that cannot be read.
     pub fn new(source: &MotionSource, render: &RenderConfig, scene_seed: u64, seed: u64) -> Result<Self, SimError> {
-        Self::with_movers(source, render, scene_seed, seed, 0)
+        Self::furnished(source, render, scene_seed, seed, Furnishing::default())
     }
 
-    /// [`new`](Self::new) with moving objects, at most [`MOST_MOVERS`](super::MOST_MOVERS). The room and the flight are the same without them.
+    /// [`new`](Self::new) in a room with other than the usual things.
     ///
     /// # Errors
-    /// As [`new`](Self::new), or more objects than the room has space for.
-    pub fn with_movers(source: &MotionSource, render: &RenderConfig, scene_seed: u64, seed: u64, movers: usize) -> Result<Self, SimError> {
+    /// As [`new`](Self::new), or more moving objects than the room has space for.
+    pub fn furnished(
+        source: &MotionSource,
+        render: &RenderConfig,
+        scene_seed: u64,
+        seed: u64,
+        Furnishing { movers, is_bare }: Furnishing,
+    ) -> Result<Self, SimError> {
         SimError::check("render.threads", render.threads as f64, 1.0, 256.0)?;
         let flight = match source {
             MotionSource::Analytic(motion, imu) => Flight::analytic(motion, imu, 20.0, seed)?,
             MotionSource::Recorded(folder, config) => Flight::recorded(folder, config, seed)?,
         };
         let path: Vec<Vector3<f64>> = flight.path();
-        let room: RoomConfig = flight.fitting_room();
+        let room = RoomConfig { is_bare, ..flight.fitting_room() };
         let scene = Scene::room(&room, &path, scene_seed)?;
         let movers = scene.movers(&room, &path, movers, scene_seed)?;
         let world = World::bake_with(scene, movers, scene_seed, render.threads);

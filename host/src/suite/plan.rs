@@ -58,6 +58,8 @@ pub struct Simulation {
     pub scene_seed: u64,
     /// Seconds of flight; all of a recorded motion, and 60 of a drawn one, without it.
     pub duration_s: Option<f64>,
+    /// Whether the room is poor in texture.
+    pub is_bare: bool,
 }
 
 #[derive(Deserialize)]
@@ -90,6 +92,8 @@ struct SimulateToml {
     #[serde(default = "usual_seed")]
     scene_seed: u64,
     duration_s: Option<f64>,
+    #[serde(default)]
+    bare: bool,
 }
 
 fn usual_runs() -> u32 {
@@ -109,13 +113,14 @@ fn usual_seed() -> u64 {
 }
 
 impl Simulation {
-    /// The name of its folder: motion, room and, where it ends early, seconds.
+    /// The name of its folder: motion, room and, where it is bare or the flight ends early, that.
     #[must_use]
     pub fn folder_name(&self) -> String {
         let motion = Path::new(&self.motion).file_name().map_or_else(|| self.motion.clone(), |name| name.to_string_lossy().into_owned());
         let short = euroc_name(&motion).unwrap_or(motion.as_str());
         let seconds = self.duration_s.map(|seconds| format!("_{seconds}s")).unwrap_or_default();
-        format!("{short}_s{}{seconds}", self.scene_seed)
+        let bare = if self.is_bare { "_bare" } else { "" };
+        format!("{short}_s{}{bare}{seconds}", self.scene_seed)
     }
 }
 
@@ -249,7 +254,8 @@ fn located(read: SequenceToml, folders: &[PathBuf]) -> Result<Sequence, Fault> {
             if let Some(seconds) = simulate.duration_s.filter(|seconds| !(1.0..=3600.0).contains(seconds)) {
                 return Err(refused(format!("sequence `{name}`: `duration_s` is {seconds}"), "give 1 to 3600 seconds"));
             }
-            Source::Simulated(Simulation { motion, scene_seed: simulate.scene_seed, duration_s: simulate.duration_s })
+            let SimulateToml { scene_seed, duration_s, bare: is_bare, .. } = simulate;
+            Source::Simulated(Simulation { motion, scene_seed, duration_s, is_bare })
         }
         (None, None) => {
             return Err(refused(format!("sequence `{name}` has neither `path` nor `simulate`"), "say where its recording is"));
@@ -293,9 +299,11 @@ mod tests {
 
     #[test]
     fn folders_of_rendered_flights_are_named_after_motion_and_room() {
-        let flight = |motion: &str, duration_s| Simulation { motion: motion.into(), scene_seed: 2, duration_s }.folder_name();
-        assert_eq!(flight("somewhere/V1_01_easy", None), "V1_01_s2");
-        assert_eq!(flight("mine", Some(4.5)), "mine_s2_4.5s");
+        let flight =
+            |motion: &str, duration_s, is_bare| Simulation { motion: motion.into(), scene_seed: 2, duration_s, is_bare }.folder_name();
+        assert_eq!(flight("somewhere/V1_01_easy", None, false), "V1_01_s2");
+        assert_eq!(flight("mine", Some(4.5), false), "mine_s2_4.5s");
+        assert_eq!(flight("mine", Some(4.5), true), "mine_s2_bare_4.5s");
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::{Plan, Sequence, Simulation, Source, Step, euroc_name, fingerprint};
 use crate::config::DatasetSection;
 use crate::dataset;
 use crate::fault::{Fault, FaultKind};
-use crate::sim::{AslOptions, MotionKind, MotionSource, RenderConfig, RenderedFlight, SimError, write_asl};
+use crate::sim::{AslOptions, Furnishing, MotionKind, MotionSource, RenderConfig, RenderedFlight, SimError, write_asl};
 
 /// Seconds of a drawn flight without a duration, as of `libella simulate`.
 const DRAWN_S: f64 = 60.0;
@@ -95,7 +95,8 @@ fn render(flight: &Simulation, folder: &Path, with_depth: bool, stop: &AtomicBoo
     let seconds = flight.duration_s.unwrap_or(if MotionKind::from_name(&flight.motion).is_some() { DRAWN_S } else { WHOLE_S });
     let source = MotionSource::parse(&flight.motion, seconds).map_err(unusable)?;
     let seed = flight.scene_seed;
-    let rendered = RenderedFlight::new(&source, &RenderConfig::default(), seed, seed).map_err(unusable)?;
+    let furnishing = Furnishing { movers: 0, is_bare: flight.is_bare };
+    let rendered = RenderedFlight::furnished(&source, &RenderConfig::default(), seed, seed, furnishing).map_err(unusable)?;
     let unfinished = folder.with_extension(format!("{}.part", std::process::id()));
     let mut is_whole = true;
     let options = AslOptions { right_camera: false, depth: with_depth };

@@ -7,7 +7,7 @@ use super::tests::{ideal, looking, still};
 use super::*;
 use crate::sim::scene::{Material, Mover, Quad, RoomConfig, Scene, Swing};
 use crate::sim::trajectory::{Analytic, AnalyticConfig, Motion, MotionKind};
-use crate::sim::{AnalyticConfig as Flown, ImuConfig, MotionSource, RenderedFlight, euroc};
+use crate::sim::{AnalyticConfig as Flown, Furnishing, ImuConfig, MotionSource, RenderedFlight, euroc};
 
 /// A wall 4 m ahead and a box of 0.4 × 0.6 × 0.8 m that slides to and fro before it: 0.9 m to either side of (2.5, 0, 0) along the
 /// direction (sin 0.5, cos 0.5), at up to 1.8 m/s.
@@ -166,7 +166,14 @@ fn movers_are_the_same_on_any_number_of_threads() {
     let flown = Flown { kind: MotionKind::Easy, duration_s: 1.0, rest_s: 0.0, ..Flown::default() };
     let source = MotionSource::Analytic(flown, ImuConfig::default());
     let pictures = [1, 3].map(|threads| {
-        let flight = RenderedFlight::with_movers(&source, &RenderConfig { threads, ..RenderConfig::default() }, 2, 2, 6).unwrap();
+        let flight = RenderedFlight::furnished(
+            &source,
+            &RenderConfig { threads, ..RenderConfig::default() },
+            2,
+            2,
+            Furnishing { movers: 6, is_bare: false },
+        )
+        .unwrap();
         assert_eq!(flight.world.movers.len(), 6);
         let renderer = flight.renderer(0).unwrap();
         [0, 9].map(|index| flight.image(&renderer, index).unwrap())

@@ -21,7 +21,20 @@ impl Scene {
                 across > radius + config.clearance_m || point.z > floor + height + config.clearance_m
             })
         };
-        // Pictures, strips of tape and a mat or two lie on the floor.
+        if !config.is_bare {
+            self.cover_floor(config, random, scale, &is_free);
+        }
+        self.stand_boxes(config, random, scale, &is_free);
+        if !config.is_bare {
+            for side in 0..4 {
+                self.dress_wall(config, random, side, scale, &is_free);
+            }
+        }
+    }
+
+    /// Lays pictures, strips of tape and mats on the floor, some of them in a stack.
+    fn cover_floor(&mut self, config: &RoomConfig, random: &mut Random, scale: f64, is_free: &dyn Fn(&Vector3<f64>, f64, f64) -> bool) {
+        let floor = config.floor_center_m.z;
         let flat = [Material::PlayMat, Material::Tape, Material::PlayMat, Material::Tape, Material::Mat, Material::PlayMat, Material::Tape];
         for (k, material) in flat.iter().enumerate() {
             let half = match material {
@@ -52,7 +65,11 @@ impl Scene {
                 );
             }
         }
-        // Boxes, crates and cabinets stand about, rather along the walls.
+    }
+
+    /// Boxes, crates and cabinets stand about, rather along the walls.
+    fn stand_boxes(&mut self, config: &RoomConfig, random: &mut Random, scale: f64, is_free: &dyn Fn(&Vector3<f64>, f64, f64) -> bool) {
+        let floor = config.floor_center_m.z;
         let materials = [Material::Cardboard, Material::Wood, Material::Metal, Material::Pallet, Material::Cardboard, Material::Blocks];
         let mut placed = 0;
         for _ in 0..config.boxes * 30 {
@@ -67,9 +84,6 @@ impl Scene {
                 self.add_box(center, half, &turn, materials[placed % materials.len()], Hidden::Underside);
                 placed += 1;
             }
-        }
-        for side in 0..4 {
-            self.dress_wall(config, random, side, scale, &is_free);
         }
     }
 

@@ -16,6 +16,8 @@ pub struct RoomConfig {
     pub boxes: usize,
     /// How far things stay away from the path of the camera, m; 0.1 to 5.
     pub clearance_m: f64,
+    /// Poor in texture: floor and walls are plain plaster, nothing lies on the floor or hangs on a wall. The boxes stand there as ever.
+    pub is_bare: bool,
 }
 
 impl RoomConfig {
@@ -40,7 +42,8 @@ impl RoomConfig {
             (high.y - low.y + 2.0 * margin_m).max(least_m.y),
             (high.z - floor + 0.8).max(least_m.z),
         );
-        Self { floor_center_m: Vector3::new((low.x + high.x) * 0.5, (low.y + high.y) * 0.5, floor), size_m: size, boxes, clearance_m: 0.5 }
+        let floor_center_m = Vector3::new((low.x + high.x) * 0.5, (low.y + high.y) * 0.5, floor);
+        Self { floor_center_m, size_m: size, boxes, clearance_m: 0.5, is_bare: false }
     }
 }
 
@@ -55,7 +58,11 @@ impl Scene {
         for k in (1..walls.len()).rev() {
             walls.swap(k, random.below(k + 1));
         }
-        self.quads.push(Quad::new(low, x, y, Material::Floor));
+        let floor = if config.is_bare { Material::Plaster } else { Material::Floor };
+        if config.is_bare {
+            walls = [Material::Plaster; 4];
+        }
+        self.quads.push(Quad::new(low, x, y, floor));
         self.quads.push(Quad::new(low + z, y, x, Material::Ceiling));
         // u runs to the right and v upwards for an onlooker within.
         self.quads.push(Quad::new(low + y, x, z, walls[0]));

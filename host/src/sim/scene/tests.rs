@@ -62,6 +62,24 @@ fn things_keep_clear_of_the_path() {
 }
 
 #[test]
+fn a_bare_room_has_little_to_hold_on_to() {
+    let path = [Vector3::new(0.0, 0.0, 1.2)];
+    let usual = RoomConfig::vicon(&path);
+    let texture = |config: &RoomConfig| {
+        let scene = Scene::room(config, &path, 3).unwrap();
+        let of = |quad: &Quad| quad.size_m[0] * quad.size_m[1];
+        let rich: f64 = scene.quads.iter().map(|quad| of(quad) * quad.material.richness()).sum();
+        let shell: Vec<_> = scene.quads[..6].iter().map(|quad| (quad.corner, quad.size_m)).collect();
+        (rich, shell, scene.quads.len())
+    };
+    let ((rich, shell, all), (poor, bare_shell, boxes)) = (texture(&usual), texture(&RoomConfig { is_bare: true, ..usual }));
+    assert_eq!(shell, bare_shell);
+    // Six sides of the room, and five of every box.
+    assert_eq!((boxes, usual.boxes), (6 + 5 * 12, 12));
+    assert!(boxes < all && poor < 0.6 * rich, "{poor} of {rich} m2");
+}
+
+#[test]
 fn refuses_a_room_without_height() {
     let config = RoomConfig { size_m: Vector3::new(8.0, 8.0, 0.0), ..RoomConfig::vicon(&[]) };
     let message = Scene::room(&config, &[], 1).unwrap_err().to_string();

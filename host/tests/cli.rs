@@ -85,7 +85,17 @@ fn a_recording_at_rest_leaves_its_files_and_a_report_with_the_promised_names() {
         assert!(out.join(file).metadata().unwrap().len() > 0, "{file}");
     }
     let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
-    for name in ["configuration", "coverage", "initialised_after_s", "ate_rmse_m", "scale_error_percent", "rpe", "wall_s", "rss_peak_mb"] {
+    for name in [
+        "configuration",
+        "coverage",
+        "initialised_after_s",
+        "metric_after_s",
+        "ate_rmse_m",
+        "scale_error_percent",
+        "rpe",
+        "wall_s",
+        "rss_peak_mb",
+    ] {
         assert!(report.get(name).is_some(), "{name}");
     }
     for name in ["median", "p95", "max", "stages"] {

@@ -262,6 +262,14 @@ pub(super) fn describe(recording: &Recording, report: &Report, evaluation: Optio
             None => "initialised     never".into(),
         },
     ];
+    if evaluation.is_some() {
+        lines.push(match report.metric_after_s {
+            Some(after) => {
+                format!("metric          {after:.2} s after the first image: from then on the scale of every 2 s is right within 10 %")
+            }
+            None => "metric          never: the scale of the last 2 s that tell it is off by more than 10 %".into(),
+        });
+    }
     lines.extend(evaluation.map(|found| super::evaluate::describe(found).trim_end().to_owned()));
     lines.extend(finish::unmeasured(recording, evaluation).map(|remark| format!("truth           {remark}")));
     if let Some(nees) = &report.pose_nees {

@@ -4,7 +4,7 @@ use libella_core::time::Span;
 use nalgebra::Isometry3;
 use serde::Serialize;
 
-use super::{RelativeError, Statistics, Trajectory, align, associate, position_errors_m, relative_errors};
+use super::{RelativeError, Statistics, Trajectory, align, associate, metric_from, position_errors_m, relative_errors};
 use crate::config::EvaluationSection;
 use crate::fault::{Fault, FaultKind};
 
@@ -25,6 +25,8 @@ pub struct Evaluation {
     pub scale: f64,
     /// `100 |scale − 1|`.
     pub scale_error_percent: f64,
+    /// The pose from which on the scale of every stretch of 2 s is right within 10 %, ns; see [`metric_from`].
+    pub metric_from_ns: Option<i64>,
     /// Relative errors over several distances.
     pub rpe: Vec<RelativeError>,
     /// Error of each matched pose: stamp (ns) and distance (m).
@@ -56,6 +58,7 @@ pub fn evaluate(estimate: &Trajectory, truth: &Trajectory, options: &EvaluationS
         ate_m,
         scale: alignment.scale,
         scale_error_percent: 100.0 * (alignment.scale - 1.0).abs(),
+        metric_from_ns: metric_from(&pairs).map(|stamp| stamp.as_nanos()),
         rpe: relative_errors(&pairs, &options.rpe_distances_m),
         errors: pairs.iter().map(|pair| pair.stamp.as_nanos()).zip(errors_m).collect(),
         truth_from_estimate: alignment.truth_from_estimate,

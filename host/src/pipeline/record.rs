@@ -195,6 +195,8 @@ pub struct Report {
     pub coverage: f64,
     /// From the first image to the first pose, s.
     pub initialised_after_s: Option<f64>,
+    /// From the first image until the scale of every stretch of 2 s is right within 10 %, s: where there is a truth.
+    pub metric_after_s: Option<f64>,
     /// Position error after alignment by a rigid transform, RMSE over the causal poses, m.
     pub ate_rmse_m: Option<f64>,
     /// How far the scale is from the truth's, percent.
@@ -293,6 +295,10 @@ impl Report {
             poses,
             coverage: poses as f64 / recording.listed_frames.max(1) as f64,
             initialised_after_s: recording.frames.stamp(0).and_then(first),
+            metric_after_s: evaluation.and_then(|found| {
+                let metric = Timestamp::from_nanos(found.metric_from_ns?);
+                Some((metric - recording.frames.stamp(0)?).as_seconds())
+            }),
             ate_rmse_m: evaluation.map(|found| found.ate_rmse_m),
             scale_error_percent: evaluation.map(|found| found.scale_error_percent),
             rpe: evaluation.map(|found| found.rpe.clone()).unwrap_or_default(),

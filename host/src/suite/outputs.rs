@@ -85,7 +85,7 @@ fn json(summary: &Summary<'_>) -> String {
 /// One line per run.
 fn csv(results: &[RunResult]) -> String {
     let mut text = String::from(
-        "sequence,variant,run,seed,gravity_m_s2,skipped_images,ended,frames,poses,initialised_after_s,ate_rmse_m,scale_error_percent,path_length_m,\
+        "sequence,variant,run,seed,gravity_m_s2,skipped_images,ended,frames,poses,initialised_after_s,metric_after_s,ate_rmse_m,scale_error_percent,path_length_m,\
          pose_nees_mean,core_ms_median,wall_s\n",
     );
     let number = |value: Option<f64>| value.map(|value| format!("{value:.6}")).unwrap_or_default();
@@ -93,7 +93,7 @@ fn csv(results: &[RunResult]) -> String {
         // Writing to a String cannot fail.
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.2}",
+            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.2}",
             quoted(&run.sequence),
             run.variant.name(),
             run.run,
@@ -104,6 +104,7 @@ fn csv(results: &[RunResult]) -> String {
             run.frames,
             run.poses,
             number(run.initialised_after_s),
+            number(run.metric_after_s),
             number(run.ate_rmse_m),
             number(run.scale_error_percent),
             number(run.path_length_m),

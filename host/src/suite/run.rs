@@ -15,7 +15,7 @@ use crate::network::{DepthNetwork, ModelChoice};
 use crate::pipeline::{self, Ended, Report};
 
 /// Counted up when what a result holds means something else than before.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 /// By how much gravity differs from run to run, m/s².
 const GRAVITY_STEP_M_S2: f64 = 1e-9;
 
@@ -61,6 +61,9 @@ pub struct RunResult {
     pub coverage: f64,
     /// From the first image to the first pose, s.
     pub initialised_after_s: Option<f64>,
+    /// From the first image until the scale of every stretch of 2 s is right within 10 %, s.
+    #[serde(default)]
+    pub metric_after_s: Option<f64>,
     /// Position error after alignment by a rigid transform, RMSE, m.
     pub ate_rmse_m: Option<f64>,
     /// How far the scale is from the truth's, percent.
@@ -176,6 +179,7 @@ impl Job {
             poses: report.poses,
             coverage: report.coverage,
             initialised_after_s: report.initialised_after_s,
+            metric_after_s: finite(report.metric_after_s),
             ate_rmse_m: finite(report.ate_rmse_m),
             scale_error_percent: finite(report.scale_error_percent),
             path_length_m: finite(report.path_length_m),

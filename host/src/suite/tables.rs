@@ -110,6 +110,7 @@ impl Summary<'_> {
             tables.push(self.worded("RMSE ATE, m, smallest and largest of the runs: smaller differences mean nothing", spread));
         }
         tables.push(self.medians("First pose after the first image, s, median", 2, |run| run.initialised_after_s));
+        tables.push(self.medians("Scale right within 10 % from then on, after the first image, s, median", 2, |run| run.metric_after_s));
         tables.push(self.medians("Scale error, percent, median", 2, |run| run.scale_error_percent));
         tables.push(self.worded("Images with a pose, percent, lowest of the runs", coverage));
         tables.extend(self.truths_table());
@@ -303,6 +304,7 @@ mod tests {
             poses: 90,
             coverage: 0.9,
             initialised_after_s: ate_rmse_m.map(|_| 0.5),
+            metric_after_s: None,
             ate_rmse_m,
             scale_error_percent: None,
             path_length_m: None,

@@ -9,9 +9,9 @@
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
-use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex};
 
+use crate::support::pictures;
 use crate::support::plane_truth::{Candidate, Rectangle, Score, areas_in_view};
 use crate::support::recordings::{data, of_another_renderer, root};
 use libella_core::camera::Camera;
@@ -21,9 +21,8 @@ use libella_core::plane::{Sample, Samples, Source};
 use libella_core::robust::ransac::Generator;
 use libella_core::time::Timestamp;
 use libella_host::config::Config;
-use libella_host::dataset::{self, Decoded, Frames, GrayImage, ImageSource, LiveImages, Recording};
+use libella_host::dataset::{self, Recording};
 use libella_host::eval::evaluate;
-use libella_host::fault::Fault;
 use libella_host::network::{DepthKind, DepthMap, DepthNetwork, ModelChoice, NetworkError};
 use libella_host::pipeline::{self, Run};
 use libella_host::sim::{AnalyticConfig, ImuConfig, MotionKind, MotionSource, RealMotionConfig, RenderConfig, RenderedFlight};
@@ -46,26 +45,6 @@ enum Depth {
 
 /// What the camera has before it. A map costs more than an image, so those that were made are kept.
 struct Exact(Arc<RenderedFlight>, Arc<Mutex<HashMap<Timestamp, DepthMap>>>);
-
-/// Images that are there already.
-#[derive(Clone)]
-struct Kept(Arc<Vec<(Timestamp, GrayImage)>>);
-
-impl std::fmt::Debug for Kept {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{} images", self.0.len())
-    }
-}
-
-impl ImageSource for Kept {
-    fn start(&self, ahead: usize) -> Result<Receiver<Decoded>, Fault> {
-        let (sender, receiver) = sync_channel(ahead.max(1));
-        let images = Arc::clone(&self.0);
-        // Whoever has had enough hangs up.
-        std::thread::spawn(move || images.iter().try_for_each(|(stamp, image)| sender.send((*stamp, Ok(image.clone())))));
-        Ok(receiver)
-    }
-}
 
 impl DepthNetwork for Exact {
     fn predict(&mut self, stamp: Timestamp, _: &ImageView<'_>) -> Result<DepthMap, NetworkError> {
@@ -165,9 +144,7 @@ impl Flown {
         let rendered = Arc::new(RenderedFlight::new(source, &RenderConfig::default(), seed, seed).unwrap());
         let (mut recording, _) = pipeline::rendered_recording("room", &rendered);
         // Rendered once, flown five times.
-        let images: Vec<_> = rendered.stream().unwrap().collect();
-        let stamps = images.iter().map(|(stamp, _)| *stamp).collect();
-        recording.frames = Frames::Live(LiveImages { stamps, source: Box::new(Kept(Arc::new(images))) });
+        recording.frames = pictures::frames(&Arc::new(rendered.stream().unwrap().collect()));
         let room = rendered.world.scene.quads.iter().map(|quad| Rectangle::of(&quad.polygon())).collect();
         Self { rendered, recording, room, maps: Arc::default() }
     }

@@ -2,16 +2,15 @@
 //! fails.
 
 use std::sync::atomic::AtomicBool;
-use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
+use crate::support::pictures;
 use libella_core::depth::Verdict;
 use libella_core::image::ImageView;
 use libella_core::time::Timestamp;
 use libella_host::config::Config;
-use libella_host::dataset::{Decoded, Frames, GrayImage, ImageSource, LiveImages, Recording};
-use libella_host::fault::Fault;
+use libella_host::dataset::Recording;
 use libella_host::network::{DepthKind, DepthMap, DepthNetwork, NetworkError};
 use libella_host::pipeline::{self, Ended, FrameResult, Report, Run};
 use libella_host::sim::{AnalyticConfig, ImuConfig, MotionKind, MotionSource, RenderConfig, RenderedFlight, SimulationConfig, simulate};
@@ -24,7 +23,7 @@ const STEP: usize = 8;
 /// A short flight without rest, rendered once for all tests.
 struct Short {
     flight: RenderedFlight,
-    images: Arc<Vec<(Timestamp, GrayImage)>>,
+    images: pictures::Stamped,
     /// Of every fourth image.
     maps: Vec<DepthMap>,
 }
@@ -61,25 +60,10 @@ fn exact(rendered: &RenderedFlight, stamp: Timestamp) -> DepthMap {
     }
 }
 
-/// Its pictures as a camera gives them.
-#[derive(Debug)]
-struct Pictures(Arc<Vec<(Timestamp, GrayImage)>>);
-
-impl ImageSource for Pictures {
-    fn start(&self, ahead: usize) -> Result<Receiver<Decoded>, Fault> {
-        let (sender, receiver) = sync_channel(ahead);
-        let images = Arc::clone(&self.0);
-        std::thread::spawn(move || images.iter().all(|(stamp, image)| sender.send((*stamp, Ok(image.clone()))).is_ok()));
-        Ok(receiver)
-    }
-}
-
 fn recording() -> Recording {
     let short = short();
     let (recording, _) = pipeline::rendered_recording("short", &Arc::new(short.flight.clone()));
-    let stamps = short.images.iter().map(|(stamp, _)| *stamp).collect();
-    let live = LiveImages { stamps, source: Box::new(Pictures(Arc::clone(&short.images))) };
-    Recording { frames: Frames::Live(live), ..recording }
+    Recording { frames: pictures::frames(&short.images), ..recording }
 }
 
 /// What a source of the tests says, and how long it takes over it.

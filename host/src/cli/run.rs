@@ -267,7 +267,7 @@ pub(super) fn describe(recording: &Recording, report: &Report, evaluation: Optio
             Some(after) => {
                 format!("metric          {after:.2} s after the first image: from then on the scale of every 2 s is right within 10 %")
             }
-            None => "metric          never: the scale of the last 2 s that tell it is off by more than 10 %".into(),
+            None => "metric          never: no 2 s tell the scale, or the last that do are off by more than 10 %".into(),
         });
     }
     lines.extend(evaluation.map(|found| super::evaluate::describe(found).trim_end().to_owned()));

@@ -62,7 +62,6 @@ pub struct RunResult {
     /// From the first image to the first pose, s.
     pub initialised_after_s: Option<f64>,
     /// From the first image until the scale of every stretch of 2 s is right within 10 %, s.
-    #[serde(default)]
     pub metric_after_s: Option<f64>,
     /// Position error after alignment by a rigid transform, RMSE, m.
     pub ate_rmse_m: Option<f64>,

@@ -31,18 +31,18 @@ const ROUNDS: usize = 30;
 const SETTLED_M: f64 = 1e-4;
 
 /// The same plane, fitted once more to the points that were found on it.
-pub(super) fn refit<'a>(found: &Detection<f64, CORNERS>, on_it: impl Iterator<Item = &'a Sight> + Clone) -> Detection<f64, CORNERS> {
+pub(super) fn refit<'a>(found: &Detection<f64, CORNERS>, on_it: impl Iterator<Item = &'a Sight>) -> Detection<f64, CORNERS> {
     let plane = found.fit.plane;
     let normal = plane.normal_in_world.into_inner();
     // e₁ is horizontal for a wall.
     let (along, _) = plane.axes();
+    // Variance of its distance, and the point.
+    let known: Vec<(f64, Vector3<f64>)> =
+        on_it.map(|sight| (sight.sigma_m(&normal).powi(2) + ROUGHNESS_M * ROUGHNESS_M, sight.sample.point_in_world)).collect();
     let mut refined = plane;
     for _ in 0..ROUNDS {
-        let weighed = on_it.clone().map(|sight| {
-            let point = sight.sample.point_in_world;
-            let off_m = refined.distance_m(&point);
-            (1.0 / (sight.sigma_m(&normal).powi(2) + ROUGHNESS_M * ROUGHNESS_M + off_m * off_m), point)
-        });
+        let near = refined;
+        let weighed = known.iter().map(|(variance, point)| (1.0 / (variance + near.distance_m(point).powi(2)), *point));
         let (all, sum) = weighed.clone().fold((0.0, Vector3::zeros()), |(all, sum), (weight, point)| (all + weight, sum + point * weight));
         if all <= 0.0 {
             return *found;
@@ -58,10 +58,8 @@ pub(super) fn refit<'a>(found: &Detection<f64, CORNERS>, on_it: impl Iterator<It
             0.0
         };
         // r = δ u on the turned plane, so n ← n − δ e₁.
-        let next = Plane::through(&mean, UnitVector3::new_normalize(normal - along * turn)).canonical().aligned_with(&plane);
-        let moved_m = refined.distance_m(&mean).abs();
-        refined = next;
-        if moved_m < SETTLED_M {
+        refined = Plane::through(&mean, UnitVector3::new_normalize(normal - along * turn)).canonical().aligned_with(&plane);
+        if near.distance_m(&mean).abs() < SETTLED_M {
             break;
         }
     }
